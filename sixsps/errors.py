@@ -1,0 +1,79 @@
+"""One root for every error that this project raises on purpose."""
+
+from __future__ import annotations
+
+_SHOWN_CHARACTERS = 60
+
+
+def shown(value: object) -> str:
+    """Returns `value` as one short printable line, fit for an error message."""
+    text = value if isinstance(value, str) and value.isprintable() else repr(value)
+    text = " ".join(text.split())
+    text = text.encode("ascii", "backslashreplace").decode() if not text.isprintable() else text
+    return text if len(text) <= _SHOWN_CHARACTERS else text[: _SHOWN_CHARACTERS - 3] + "..."
+
+
+class SixspsError(Exception):
+    """Root of all errors of sixsps, urdf and compare."""
+
+
+class InputError(SixspsError):
+    """Input that cannot be used: says where it stands, what it is and what is allowed.
+
+    Args:
+        place: key path, column, row or argument at fault.
+        value: what was found there.
+        allowed: what would have been accepted, with its unit.
+        source: file (and line) that holds it; empty when the value came from Python.
+    """
+
+    def __init__(self, place: str, value: object, allowed: str, source: str = "") -> None:
+        super().__init__(place, value, allowed, source)
+        self.place = place
+        self.value = value
+        self.allowed = allowed
+        self.source = source
+
+    def __str__(self) -> str:
+        where = f"{self.source}: " if self.source else ""
+        return f"{where}{self.place}: {shown(self.value)}; allowed: {self.allowed}"
+
+
+class MechanismError(InputError):
+    """A mechanism that no hexapod can have, or a mechanism file that cannot be read."""
+
+
+class MotionError(InputError):
+    """A motion that cannot be followed, or a motion file that cannot be read."""
+
+
+class OutputError(InputError):
+    """An output path that cannot be written."""
+
+
+class UnknownNameError(InputError):
+    """A name (engine, formulation, motion) that does not exist; `allowed` lists those that do."""
+
+
+class EngineUnavailable(SixspsError):
+    """An engine whose library is missing or broken on this machine.
+
+    Args:
+        name: engine.
+        reason: what importing it said.
+        extra: extra of this package that installs it; empty when it is part of the core.
+    """
+
+    def __init__(self, name: str, reason: str, extra: str = "") -> None:
+        super().__init__(name, reason, extra)
+        self.name = name
+        self.reason = reason
+        self.extra = extra
+
+    def __str__(self) -> str:
+        remedy = f'; install it with: pip install "sixsps[{self.extra}]"' if self.extra else ""
+        return f"engine {self.name} is not available: {self.reason}{remedy}"
+
+
+class EngineError(SixspsError):
+    """An engine that is there but did not give forces."""

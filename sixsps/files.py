@@ -1,0 +1,100 @@
+"""Reading input files with a bound, and writing output files in one step."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from sixsps.errors import InputError, OutputError
+
+
+def check_readable(path: Path, place: str, error: Callable[..., InputError]) -> None:
+    """Raises `error` unless `path` is a readable, non-empty file."""
+    source = str(path)
+    if path.is_dir():
+        raise error(place, "a directory", "a file", source)
+    if not path.exists():
+        raise error(place, "no such file", "an existing file", source)
+    if not os.access(path, os.R_OK):
+        raise error(place, "permission denied", "a readable file", source)
+    if path.is_file() and path.stat().st_size == 0:
+        raise error(place, "an empty file", "a file with content", source)
+
+
+def read_bytes(path: Path, place: str, error: Callable[..., InputError], largest: int) -> bytes:
+    """Returns the content of `path`.
+
+    Args:
+        path: file to read.
+        place: what the file is, for the message.
+        error: class of the error that is raised.
+        largest: number of bytes beyond which it is refused unread.
+
+    Raises:
+        InputError: as `error`, when it is missing, a directory, empty, unreadable or too large.
+    """
+    check_readable(path, place, error)
+    with path.open("rb") as file:
+        content = file.read(largest + 1)
+    if len(content) > largest:
+        raise error(place, f"more than {largest} bytes", f"at most {largest} bytes", str(path))
+    return content
+
+
+@contextmanager
+def write_atomically(path: Path) -> Iterator[Path]:
+    """Yields a temporary path beside `path`, which takes its name when the block ends well.
+
+    An interrupted or failing block leaves whatever stood at `path` before.
+
+    Raises:
+        OutputError: the folder does not exist or cannot be written.
+    """
+    source = str(path)
+    if path.is_dir():
+        raise OutputError("output", "a directory", "a file name", source)
+    if not path.parent.is_dir():
+        raise OutputError("output", "its folder does not exist", "a file in an existing folder", source)
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{path.name[:40]}.", suffix=path.suffix, dir=path.parent)
+    except OSError as error:
+        raise OutputError("output", error.strerror, "a writable folder", source) from None
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        temporary.chmod(0o666 & ~_umask())
+        os.replace(temporary, path)
+    except OSError as error:
+        raise OutputError("output", error.strerror, "a writable file", source) from None
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def output_folder(path: Path) -> Path:
+    """Returns `path` as a writable folder, made where its parent exists.
+
+    Raises:
+        OutputError: its parent does not exist, it is a file, or it cannot be written.
+    """
+    source = str(path)
+    if path.exists() and not path.is_dir():
+        raise OutputError("output", "a file", "a folder", source)
+    if not path.exists() and not path.parent.is_dir():
+        raise OutputError("output", "its parent folder does not exist", "a folder in an existing one", source)
+    try:
+        path.mkdir(exist_ok=True)
+        with tempfile.TemporaryFile(dir=path):
+            pass
+    except OSError as error:
+        raise OutputError("output", error.strerror, "a writable folder", source) from None
+    return path

@@ -1,0 +1,78 @@
+"""Rotation helpers that `scipy.spatial.transform.Rotation` does not give."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sixsps.arrays import Array
+
+
+def skew(vectors: Array) -> Array:
+    """Returns the matrices [a]x with [a]x b = a x b.
+
+    Args:
+        vectors: (..., 3).
+
+    Returns:
+        (..., 3, 3) skew-symmetric matrices.
+    """
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    zero = np.zeros_like(x)
+    rows = [zero, -z, y, z, zero, -x, -y, x, zero]
+    return np.stack(rows, axis=-1).reshape(*vectors.shape[:-1], 3, 3)
+
+
+def euler_rate_matrix(angles: Array) -> Array:
+    """Returns E with angular_velocity = E @ [alpha', beta', gamma'] for R = Rx(alpha) Ry(beta) Rz(gamma).
+
+    The columns are the axes about which alpha, beta and gamma turn, in world axes. Reading the
+    angular velocity itself as Euler rates, as q' = [v, omega] in the paper does, amounts to E = 1.
+
+    Args:
+        angles: (..., 3) alpha, beta, gamma [rad].
+
+    Returns:
+        (..., 3, 3) in world axes; singular at beta = +-pi/2.
+    """
+    alpha, beta = angles[..., 0], angles[..., 1]
+    sa, ca, sb, cb = np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta)
+    zero, one = np.zeros_like(sa), np.ones_like(sa)
+    rows = [one, zero, sb, zero, ca, -sa * cb, zero, sa, ca * cb]
+    return np.stack(rows, axis=-1).reshape(*angles.shape[:-1], 3, 3)
+
+
+def euler_rate_matrix_dot(angles: Array, rates: Array) -> Array:
+    """Returns the time derivative of `euler_rate_matrix` along `rates`.
+
+    Args:
+        angles: (..., 3) alpha, beta, gamma [rad].
+        rates: (..., 3) their time derivatives [rad/s].
+
+    Returns:
+        (..., 3, 3) in world axes [1/s].
+    """
+    alpha, beta = angles[..., 0], angles[..., 1]
+    da, db = rates[..., 0], rates[..., 1]
+    sa, ca, sb, cb = np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta)
+    zero = np.zeros_like(sa)
+    rows = [zero, zero, cb * db, zero, -sa * da, -ca * cb * da + sa * sb * db]
+    rows += [zero, ca * da, -sa * cb * da - ca * sb * db]
+    return np.stack(rows, axis=-1).reshape(*angles.shape[:-1], 3, 3)
+
+
+def euler_motion(angles: Array, rates: Array, accelerations: Array) -> tuple[Array, Array]:
+    """Returns angular velocity and acceleration of an orientation given by Euler angles.
+
+    Args:
+        angles: (n, 3) alpha, beta, gamma of R = Rx Ry Rz [rad].
+        rates: (n, 3) first time derivatives [rad/s].
+        accelerations: (n, 3) second time derivatives [rad/s^2].
+
+    Returns:
+        (n, 3) angular velocity [rad/s] and (n, 3) angular acceleration [rad/s^2], world axes.
+    """
+    matrix = euler_rate_matrix(angles)
+    matrix_dot = euler_rate_matrix_dot(angles, rates)
+    omega = np.einsum("nij,nj->ni", matrix, rates)
+    epsilon = np.einsum("nij,nj->ni", matrix, accelerations)
+    return omega, epsilon + np.einsum("nij,nj->ni", matrix_dot, rates)
