@@ -1,0 +1,29 @@
+"""CasADi symbolic model, exact Jacobian, J F = C by Householder QR."""
+
+from __future__ import annotations
+
+import casadi
+
+from compare.blocks import in_blocks
+from compare.engine import EngineForces, Progress
+from sixsps.formulations.casadi import inverse_dynamics
+from sixsps.mechanism import Mechanism
+from sixsps.motion import Motion
+
+
+class Casadi:
+    """Jourdain's principle with all derivatives by algorithmic differentiation of positions."""
+
+    formulation = "Jourdain's principle, derivatives of positions by CasADi"
+    loops = "none to close: leg vectors as functions of the platform pose"
+    shares = "nothing but the frozen inputs"
+
+    def version(self) -> str:
+        """Returns the version of CasADi."""
+        return f"casadi {casadi.__version__}"
+
+    def inverse_dynamics(
+        self, mechanism: Mechanism, motion: Motion, progress: Progress
+    ) -> EngineForces:
+        """Returns the leg forces along a motion; see `Engine`."""
+        return in_blocks(inverse_dynamics, mechanism, motion, progress)

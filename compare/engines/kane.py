@@ -1,0 +1,29 @@
+"""Kane's method in NumPy."""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+
+from compare.blocks import in_blocks
+from compare.engine import EngineForces, Progress
+from sixsps.formulations import kane
+from sixsps.mechanism import Mechanism
+from sixsps.motion import Motion
+
+
+class Kane:
+    """The corrected equations of Wu, Xiong & Kong (2012)."""
+
+    formulation = "Kane's method, Wu, Xiong & Kong (2012) corrected"
+    loops = "none to close: leg motion in closed form"
+    shares = "its leg kinematics also gives lengths and condition numbers of the report"
+
+    def version(self) -> str:
+        """Returns the version of sixsps."""
+        return f"sixsps {version('sixsps')}"
+
+    def inverse_dynamics(
+        self, mechanism: Mechanism, motion: Motion, progress: Progress
+    ) -> EngineForces:
+        """Returns the leg forces along a motion; see `Engine`."""
+        return in_blocks(kane.inverse_dynamics, mechanism, motion, progress)

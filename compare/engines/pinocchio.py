@@ -1,0 +1,290 @@
+"""Pinocchio: the generated tree, its loop closures as constraints, RNEA and one linear solve.
+
+The tree is cut open at the platform joints and has 30 velocities: 6 of the platform and 4 of each
+leg. The platform's motion fixes them all but the legs' idle spins, which are zero. RNEA gives the
+30 generalised forces tau that the open tree would need; six actuators and 18 closure forces have to
+supply them: [S, Jc^T] [F; lambda] = tau, 30 equations of rank 24, solved by least squares (QR). What
+remains of it is the check that the motion obeys the closures.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg.lapack import dgels
+
+from compare.engine import EngineForces, Progress
+from sixsps.arrays import Array
+from sixsps.errors import EngineError
+from sixsps.mechanism import Mechanism
+from sixsps.motion import Motion
+from urdf import parse_closures, render_closures, render_mjcf, render_urdf
+from urdf.closures import CLOSURES
+
+_PROGRESS_STEP = 100
+_LEGS = range(1, 7)
+_WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
+
+class _Tree(ABC):
+    """The open tree in Pinocchio with its closures; subclasses know what its joints are."""
+
+    platform_joint: str
+    leg_joint: str
+
+    def __init__(self, model: Any, closures: Any, pairs: tuple[tuple[str, str], ...]) -> None:
+        self.model, self.data = model, model.createData()
+        self.closures, self.closure_data = pin.StdVec_ConstraintModel(), pin.StdVec_ConstraintData()
+        for closure in closures:
+            self.closures.append(pin.ConstraintModel(closure))
+            self.closure_data.append(self.closures[-1].createData())
+        self.tips = [self._frame(tip) for tip, _ in pairs]
+        self.anchors = [self._frame(anchor) for _, anchor in pairs]
+        self.roots = [self._joint(self.leg_joint.format(leg)) for leg in _LEGS]
+        self.actuators = [self._joint(name) for name in CLOSURES.name_mot]
+        self.lowers = [model.parents[actuator] for actuator in self.actuators]
+        self.platform = self._joint(self.platform_joint)
+        self.actuated = [model.joints[joint].idx_v for joint in self.actuators]
+        self.leg_columns = np.array([model.joints[joint].idx_v + np.arange(4) for joint in self.roots])
+        start = model.joints[self.platform].idx_v
+        self.platform_columns = slice(start, start + 6)
+
+    @abstractmethod
+    def platform_positions(self, motion: Motion) -> Array:
+        """Returns the platform joint's part of q."""
+
+    @abstractmethod
+    def platform_rates(self, motion: Motion) -> tuple[Array, Array]:
+        """Returns the platform joint's parts (n, 6) of the velocity and the acceleration."""
+
+    @abstractmethod
+    def ball_positions(self, directions: Array) -> Array:
+        """Returns the ball's part of q that turns the leg's z axis to `directions` (n, 3)."""
+
+    def positions(self, motion: Motion) -> Array:
+        """Returns all joint positions q (n, nq), from where the platform puts the anchors."""
+        q = np.empty((len(motion), self.model.nq))
+        self._fill(q, self.platform, self.platform_positions(motion))
+        for root, actuator, anchor in zip(self.roots, self.actuators, self.anchors, strict=True):
+            joint = motion.position + motion.rotation @ self.model.frames[anchor].placement.translation
+            frame = self.model.jointPlacements[root]
+            vector = (joint - frame.translation) @ frame.rotation
+            length = np.linalg.norm(vector, axis=1, keepdims=True)
+            self._fill(q, root, self.ball_positions(vector / length))
+            at_zero = self.model.jointPlacements[actuator].translation[2]
+            q[:, self.model.joints[actuator].idx_q] = length[:, 0] - at_zero
+        return q
+
+    def _fill(self, q: Array, joint: int, values: Array) -> None:
+        start = self.model.joints[joint].idx_q
+        q[:, start : start + values.shape[1]] = values
+
+    def _joint(self, name: str) -> int:
+        if not self.model.existJointName(name):
+            raise EngineError(f"the loaded model has no joint {name}")
+        return int(self.model.getJointId(name))
+
+    def _frame(self, name: str) -> int:
+        if not self.model.existFrame(name):
+            raise EngineError(f"the loaded model has no frame {name}")
+        return int(self.model.getFrameId(name))
+
+
+class _UrdfTree(_Tree):
+    """From the URDF and its sidecar: balls as three revolute joints, platform on a free-flyer."""
+
+    platform_joint = "platform_joint"
+    leg_joint = "leg{}_ball_x"
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        model = pin.buildModelFromXML(render_urdf(mechanism))
+        pairs = parse_closures(render_closures()).closed_loop
+        closures = [self._closure(model, *pair) for pair in pairs]
+        super().__init__(model, closures, pairs)
+
+    @staticmethod
+    def _closure(model: Any, tip: str, anchor: str) -> Any:
+        ends = []
+        for name in (tip, anchor):
+            frame = model.frames[model.getFrameId(name)]
+            ends += [frame.parentJoint, frame.placement]
+        return pin.PointAnchorConstraintModel(model, *ends)
+
+    def platform_positions(self, motion: Motion) -> Array:
+        home = self.model.jointPlacements[self.platform]
+        translation = (motion.position - home.translation) @ home.rotation
+        return np.hstack([translation, _xyzw(motion)])
+
+    def platform_rates(self, motion: Motion) -> tuple[Array, Array]:
+        # A free-flyer's acceleration is spatial: the classical one less omega x v.
+        to_body = np.swapaxes(motion.rotation, 1, 2)
+        v, omega = _turn(to_body, motion.velocity), _turn(to_body, motion.angular_velocity)
+        a = _turn(to_body, motion.acceleration) - np.cross(omega, v)
+        epsilon = _turn(to_body, motion.angular_acceleration)
+        return np.hstack([v, omega]), np.hstack([a, epsilon])
+
+    def ball_positions(self, directions: Array) -> Array:
+        x, y, z = directions.T
+        # z axis of Rx(q1) Ry(q2); the third angle turns the leg about itself, which it does not feel.
+        about_y = np.arctan2(x, np.hypot(y, z))
+        return np.column_stack([np.arctan2(-y, z), about_y, np.zeros_like(x)])
+
+
+class _MjcfTree(_Tree):
+    """From the MJCF with its `<connect>` closures: true balls, platform on three slides and a ball."""
+
+    platform_joint = "Composite_platform_x"
+    leg_joint = "leg{}_ball"
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "hexapod.xml"
+            path.write_text(render_mjcf(mechanism), encoding="utf-8")
+            model, closures, _welds = pin.buildModelAndConstraintsFromMJCF(str(path))
+        super().__init__(model, closures, CLOSURES.closed_loop)
+
+    def platform_positions(self, motion: Motion) -> Array:
+        home = self.model.jointPlacements[self.platform].translation
+        return np.hstack([motion.position - home, _xyzw(motion)])
+
+    def platform_rates(self, motion: Motion) -> tuple[Array, Array]:
+        to_body = np.swapaxes(motion.rotation, 1, 2)
+        omega = _turn(to_body, motion.angular_velocity)
+        epsilon = _turn(to_body, motion.angular_acceleration)
+        return np.hstack([motion.velocity, omega]), np.hstack([motion.acceleration, epsilon])
+
+    def ball_positions(self, directions: Array) -> Array:
+        x, y, z = directions.T
+        # Shortest turn from z, as the unnormalised quaternion [z x d, 1 + z . d]; where d points
+        # straight down it does not exist and half a turn about x serves as well.
+        quaternion = np.column_stack([-y, x, np.zeros_like(x), 1 + z])
+        quaternion[1 + z < 1e-8] = [1.0, 0.0, 0.0, 0.0]
+        return quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
+
+
+def _xyzw(motion: Motion) -> Array:
+    unit = motion.quaternion / np.linalg.norm(motion.quaternion, axis=1, keepdims=True)
+    return np.roll(unit, -1, axis=1)
+
+
+def _turn(rotation: Array, vectors: Array) -> Array:
+    return np.einsum("nij,nj->ni", rotation, vectors)
+
+
+class _PinocchioEngine:
+    """RNEA of the open tree and the solve for actuator and closure forces."""
+
+    formulation = "recursive Newton-Euler (RNEA) of the open tree"
+    tree: type[_UrdfTree] | type[_MjcfTree]
+
+    def version(self) -> str:
+        """Returns the version of Pinocchio."""
+        return f"pin {pin.__version__}"
+
+    def inverse_dynamics(
+        self, mechanism: Mechanism, motion: Motion, progress: Progress
+    ) -> EngineForces:
+        """Returns the leg forces along a motion; see `Engine`."""
+        tree = self.tree(mechanism)
+        tree.model.gravity.linear = np.array(mechanism.gravity)
+        positions = tree.positions(motion)
+        rates, accelerations = tree.platform_rates(motion)
+        results = np.empty((len(motion), 8))
+        wrench = pin.StdVec_Force([pin.Force.Zero() for _ in range(tree.model.njoints)])
+        for k, q in enumerate(positions):
+            wrench[tree.platform] = _joint_wrench(tree, motion, k)
+            v, a = _joint_rates(tree, q, rates[k], accelerations[k])
+            tau = pin.rnea(tree.model, tree.data, q, v, a, wrench)
+            results[k] = _close_loops(tree, q, tau)
+            if (k + 1) % _PROGRESS_STEP == 0:
+                progress(k + 1)
+        return EngineForces(results[:, :6], results[:, 6], results[:, 7])
+
+
+class Pinocchio(_PinocchioEngine):
+    """The URDF tree, balls as three revolute joints."""
+
+    loops = "URDF tree and closure YAML; point constraints at the platform joints, [S, Jc^T] by QR"
+    shares = "joint rates and the loop-closing solve with pinocchio-ball"
+    tree = _UrdfTree
+
+
+class PinocchioBall(_PinocchioEngine):
+    """The MJCF tree, true ball joints."""
+
+    loops = "MJCF tree with <connect> read by Pinocchio, ball joints; [S, Jc^T] by QR"
+    shares = "joint rates and the loop-closing solve with pinocchio"
+    tree = _MjcfTree
+
+
+def _joint_wrench(tree: _Tree, motion: Motion, sample: int) -> Any:
+    """Returns the external wrench on the platform in its joint frame, moment about its origin."""
+    to_body = motion.rotation[sample].T
+    force = to_body @ motion.force[sample]
+    arm = tree.model.inertias[tree.platform].lever
+    return pin.Force(force, to_body @ motion.moment[sample] + np.cross(arm, force))
+
+
+def _joint_rates(tree: _Tree, q: Array, rate: Array, acceleration: Array) -> tuple[Array, Array]:
+    """Returns v and a of all 30 coordinates, leg by leg from the motion of the platform joint.
+
+    Of each leg, four unknown rates: its tip moves with the anchor (three equations) and the leg
+    does not spin (one). Accelerations follow from the same matrix, less what v alone causes.
+    """
+    model, data = tree.model, tree.data
+    v, a = np.zeros(model.nv), np.zeros(model.nv)
+    v[tree.platform_columns] = rate
+    pin.computeJointJacobians(model, data, q)
+    pin.updateFramePlacements(model, data)
+    matrix, right = np.empty((6, 4, 4)), np.zeros((6, 4, 1))
+    directions = np.empty((6, 3))
+    for leg, columns in enumerate(tree.leg_columns):
+        tip = pin.getFrameJacobian(model, data, tree.tips[leg], _WORLD)[:, columns]
+        directions[leg] = data.oMi[tree.lowers[leg]].rotation[:, 2]
+        matrix[leg, :3], matrix[leg, 3] = tip[:3], directions[leg] @ tip[3:]
+        anchor = pin.getFrameJacobian(model, data, tree.anchors[leg], _WORLD)
+        right[leg, :3, 0] = anchor[:3] @ v
+    v[tree.leg_columns] = np.linalg.solve(matrix, right)[..., 0]
+
+    a[tree.platform_columns] = acceleration
+    pin.forwardKinematics(model, data, q, v, a)
+    for leg in range(6):
+        tip = pin.getFrameClassicalAcceleration(model, data, tree.tips[leg], _WORLD)
+        anchor = pin.getFrameClassicalAcceleration(model, data, tree.anchors[leg], _WORLD)
+        right[leg, :3, 0] = anchor.linear - tip.linear
+        # The spin omega . s stays zero, and s turns with omega: epsilon . s = 0.
+        right[leg, 3, 0] = -directions[leg] @ tip.angular
+    a[tree.leg_columns] = np.linalg.solve(matrix, right)[..., 0]
+    return v, a
+
+
+def _close_loops(tree: _Tree, q: Array, tau: Array) -> Array:
+    """Solves [S, Jc^T] [F; lambda] = tau.
+
+    Returns:
+        (8,) six leg forces [N], the largest entry of the residual [N, N m], and the largest
+        distance between the ends of a loop [m].
+    """
+    model, data = tree.model, tree.data
+    pin.computeJointJacobians(model, data, q)
+    pin.updateFramePlacements(model, data)
+    for closure, closure_data in zip(tree.closures, tree.closure_data, strict=True):
+        closure.calc(model, data, closure_data)
+    jacobian = pin.getConstraintsJacobian(model, data, tree.closures, tree.closure_data)
+    matrix = np.zeros((model.nv, 24))
+    matrix[tree.actuated, np.arange(6)] = 1.0
+    matrix[:, 6:] = jacobian.T
+    _, solution, info = dgels(matrix, tau)
+    if info != 0:
+        raise EngineError(f"the loop-closing solve failed: dgels returned {info}")
+    residual = np.abs(tau - matrix @ solution[:24]).max()
+    gaps = [
+        np.linalg.norm(data.oMf[tip].translation - data.oMf[anchor].translation)
+        for tip, anchor in zip(tree.tips, tree.anchors, strict=True)
+    ]
+    return np.array([*solution[:6], residual, max(gaps)])

@@ -1,0 +1,77 @@
+"""Where the bodies stand when all coordinates are zero, and how large they are drawn."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from sixsps.arrays import Array
+from sixsps.mechanism import Mechanism
+from sixsps.trajectories import home_position
+
+# Radii of what is drawn, relative to the length of the link; on wu2012 they are the true ones.
+LOWER_RADIUS = 2 / 45
+UPPER_RADIUS = 1.2 / 45
+_DISC_THICKNESS = 0.08
+
+
+@dataclass(frozen=True)
+class LegLayout:
+    """Pose of one leg at home: its frame has z along the leg and no roll.
+
+    Attributes:
+        pitch: about y, then
+        yaw: about z [rad].
+        length: A to B at home [m].
+    """
+
+    pitch: float
+    yaw: float
+    length: float
+
+
+@dataclass(frozen=True, eq=False)
+class Disc:
+    """A drawn disc through six anchors: centre (3,) [m], normal as pitch and yaw [rad], size [m]."""
+
+    center: Array
+    pitch: float
+    yaw: float
+    radius: float
+    thickness: float
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Layout of the whole mechanism in its home pose, orientation identity."""
+
+    home: Array
+    legs: tuple[LegLayout, ...]
+    base: Disc
+    platform: Disc
+    anchor_radius: float
+
+    @classmethod
+    def of(cls, mechanism: Mechanism) -> Layout:
+        """Returns the layout of `mechanism`."""
+        home = home_position(mechanism)
+        vectors = home + mechanism.platform_anchors - mechanism.base_anchors
+        legs = tuple(
+            LegLayout(*_pitch_and_yaw(vector), length=float(np.linalg.norm(vector))) for vector in vectors
+        )
+        platform = _disc(mechanism.platform_anchors)
+        return cls(home, legs, _disc(mechanism.base_anchors), platform, 0.1 * platform.radius)
+
+
+def _pitch_and_yaw(direction: Array) -> tuple[float, float]:
+    x, y, z = (float(value) for value in direction)
+    return math.atan2(math.hypot(x, y), z), math.atan2(y, x)
+
+
+def _disc(anchors: Array) -> Disc:
+    center = anchors.mean(axis=0)
+    radius = float(np.linalg.norm(anchors - center, axis=1).max())
+    normal = np.linalg.svd(anchors - center)[2][2]
+    return Disc(center, *_pitch_and_yaw(normal), radius, _DISC_THICKNESS * radius)

@@ -1,0 +1,129 @@
+"""Mechanism to MJCF text, with true ball joints and the loops closed by `<connect>`.
+
+Everything hangs on one root body and the platform rides on three slides and a ball instead of a
+free joint: MuJoCo allows a free joint only on top level, and Pinocchio's reader drops all but one
+top-level body. The coordinates are those of a free joint: position, quaternion; world-frame
+velocity, body-frame angular velocity.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from sixsps.mechanism import Leg, Link, Mechanism
+from urdf.closures import CLOSURES, LEGS
+from urdf.layout import LOWER_RADIUS, UPPER_RADIUS, Disc, Layout, LegLayout
+
+_COLORS = {"steel": "0.65 0.68 0.72 1", "blue": "0.13 0.35 0.60 1", "orange": "0.90 0.55 0.15 1"}
+
+
+def render_mjcf(mechanism: Mechanism) -> str:
+    """Returns the MJCF of the mechanism; floats read back exactly.
+
+    Args:
+        mechanism: geometry and inertia.
+    """
+    layout = Layout.of(mechanism)
+    root = ET.Element("mujoco", model=mechanism.name)
+    ET.SubElement(root, "compiler", angle="radian", autolimits="true")
+    ET.SubElement(root, "option", gravity=_text(mechanism.gravity))
+    _defaults(root)
+    world = ET.SubElement(root, "worldbody")
+    ET.SubElement(world, "light", pos="0 0 3", dir="0 0 -1", directional="true")
+    base = ET.SubElement(world, "body", name="base")
+    # Never moves; Pinocchio's reader wants the inertia of a root body all the same.
+    ET.SubElement(base, "inertial", pos="0 0 0", mass="1", diaginertia="1 1 1")
+    _disc(base, layout.base, "steel")
+    for i, leg, place in zip(LEGS, mechanism.legs, layout.legs, strict=True):
+        _leg(base, f"leg{i}", mechanism.base_anchors[i - 1], leg, place)
+    _platform(base, mechanism, layout)
+    _closures(root)
+    _actuators(root)
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _defaults(root: ET.Element) -> None:
+    default = ET.SubElement(root, "default")
+    # Drawn only: the legs of a hexapod overlap at shared joints.
+    ET.SubElement(default, "geom", contype="0", conaffinity="0", group="1")
+    ET.SubElement(default, "site", size="0.005", group="3")
+
+
+def _leg(base: ET.Element, name: str, anchor: Iterable[float], leg: Leg, place: LegLayout) -> None:
+    lower = ET.SubElement(
+        base, "body", name=f"{name}_lower", pos=_text(anchor), quat=_quaternion(place.pitch, place.yaw)
+    )
+    ET.SubElement(lower, "joint", name=f"{name}_ball", type="ball")
+    _link(lower, leg.lower, 1.0, LOWER_RADIUS, "blue")
+    upper = ET.SubElement(lower, "body", name=f"{name}_upper", pos=_text((0, 0, place.length)))
+    shortest, longest = (limit - place.length for limit in leg.length_limits)
+    # The range is shown by viewers and must not push: a limit never changes a number here.
+    ET.SubElement(
+        upper, "joint", name=f"{name}_actuator", type="slide", axis="0 0 1", limited="false",
+        range=_text((shortest, longest)),
+    )  # fmt: skip
+    _link(upper, leg.upper, -1.0, UPPER_RADIUS, "steel")
+    ET.SubElement(upper, "site", name=f"{name}_tip", pos="0 0 0")
+
+
+def _link(body: ET.Element, link: Link, sense: float, radius: float, color: str) -> None:
+    inertia = _text((link.transverse, link.transverse, link.axial))
+    com = _text((0, 0, sense * link.com))
+    ET.SubElement(body, "inertial", pos=com, mass=repr(float(link.mass)), diaginertia=inertia)
+    ends = _text((0, 0, 0, 0, 0, sense * link.length))
+    size = repr(radius * link.length)
+    ET.SubElement(body, "geom", type="cylinder", fromto=ends, size=size, rgba=_COLORS[color])
+
+
+def _platform(base: ET.Element, mechanism: Mechanism, layout: Layout) -> None:
+    body = ET.SubElement(base, "body", name="platform", pos=_text(layout.home))
+    for axis, direction in zip("xyz", np.eye(3), strict=True):
+        ET.SubElement(
+            body, "joint", name=f"platform_{axis}", type="slide", axis=_text(direction)
+        )  # fmt: skip
+    ET.SubElement(body, "joint", name="platform_ball", type="ball")
+    platform = mechanism.platform
+    i = platform.inertia
+    diagonal = not np.any(i - np.diag(np.diag(i)))
+    inertia = (
+        {"diaginertia": _text(np.diag(i))}
+        if diagonal
+        else {"fullinertia": _text((i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]))}
+    )
+    mass = repr(float(platform.mass))
+    ET.SubElement(body, "inertial", pos=_text(platform.com), mass=mass, **inertia)
+    _disc(body, layout.platform, "orange")
+    for index, anchor in zip(LEGS, mechanism.platform_anchors, strict=True):
+        ET.SubElement(body, "site", name=f"platform_anchor{index}", pos=_text(anchor))
+
+
+def _closures(root: ET.Element) -> None:
+    equality = ET.SubElement(root, "equality")
+    for i, (tip, anchor) in zip(LEGS, CLOSURES.closed_loop, strict=True):
+        ET.SubElement(equality, "connect", name=f"leg{i}_closure", site1=tip, site2=anchor)
+
+
+def _actuators(root: ET.Element) -> None:
+    actuator = ET.SubElement(root, "actuator")
+    for joint in CLOSURES.name_mot:
+        ET.SubElement(actuator, "motor", name=joint, joint=joint)
+
+
+def _disc(body: ET.Element, disc: Disc, color: str) -> None:
+    ET.SubElement(
+        body, "geom", type="cylinder", pos=_text(disc.center), quat=_quaternion(disc.pitch, disc.yaw),
+        size=_text((disc.radius, disc.thickness / 2)), rgba=_COLORS[color],
+    )  # fmt: skip
+
+
+def _quaternion(pitch: float, yaw: float) -> str:
+    return _text(Rotation.from_euler("ZY", [yaw, pitch]).as_quat(scalar_first=True))
+
+
+def _text(numbers: Iterable[float]) -> str:
+    return " ".join(repr(float(number)) for number in numbers)
