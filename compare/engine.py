@@ -31,7 +31,10 @@ class EngineForces:
 
 
 class Engine(Protocol):
-    """One way to compute leg forces.
+    """One way to compute leg forces, set up for one mechanism.
+
+    Its constructor takes the mechanism: geometry, inertia and gravity, of which nothing may come
+    from an engine's defaults. It raises EngineError when the library does not accept it.
 
     Attributes:
         formulation: how it forms the equations.
@@ -43,17 +46,17 @@ class Engine(Protocol):
     loops: str
     shares: str
 
-    def version(self) -> str:
-        """Returns the version of what computes: a library, or this package."""
+    def __init__(self, mechanism: Mechanism) -> None: ...
+
+    @staticmethod
+    def version() -> str:
+        """Returns name and version of what computes: a library, or this package."""
         ...
 
-    def inverse_dynamics(
-        self, mechanism: Mechanism, motion: Motion, progress: Progress
-    ) -> EngineForces:
+    def inverse_dynamics(self, motion: Motion, progress: Progress) -> EngineForces:
         """Returns the leg forces along a motion.
 
         Args:
-            mechanism: geometry, inertia and gravity; nothing may come from an engine's defaults.
             motion: n samples, none of them singular.
             progress: to be called now and then.
 

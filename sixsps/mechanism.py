@@ -64,9 +64,7 @@ class Link:
             raise MechanismError("inertia.axial", self.axial, allowed)
 
     @classmethod
-    def solid_cylinder(
-        cls, mass: float, length: float, radius: float, com: float | None = None
-    ) -> Link:
+    def solid_cylinder(cls, mass: float, length: float, radius: float, com: float | None = None) -> Link:
         """Returns a link with the inertia of a solid cylinder.
 
         Args:
@@ -106,14 +104,10 @@ class Leg:
     def __post_init__(self) -> None:
         if all(isinstance(limit, float) and math.isnan(limit) for limit in self.length_limits):
             retracted = max(self.lower.length, self.upper.length)
-            object.__setattr__(
-                self, "length_limits", (retracted, self.lower.length + self.upper.length)
-            )
+            object.__setattr__(self, "length_limits", (retracted, self.lower.length + self.upper.length))
         low, high = frozen(self.length_limits, (2,), "length_limits", MechanismError)
         if not 0 <= low < high:
-            raise MechanismError(
-                "length_limits", list(self.length_limits), "0 <= shortest < longest [m]"
-            )
+            raise MechanismError("length_limits", list(self.length_limits), "0 <= shortest < longest [m]")
 
 
 @dataclass(frozen=True, eq=False)

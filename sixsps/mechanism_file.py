@@ -126,9 +126,7 @@ def parse(content: bytes, source: str) -> Mechanism:
     except ValidationError as error:
         raise _explained(error, document) from None
     except MechanismError as error:
-        raise MechanismError(
-            error.place, error.value, error.allowed, document.locate(error.place)
-        ) from None
+        raise MechanismError(error.place, error.value, error.allowed, document.locate(error.place)) from None
 
 
 def save(mechanism: Mechanism, path: Path) -> None:

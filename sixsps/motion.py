@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from sixsps.arrays import Array, frozen
@@ -139,7 +139,7 @@ class Motion:
     def __len__(self) -> int:
         return len(self.time)
 
-    def __getitem__(self, samples: slice) -> Motion:
+    def __getitem__(self, samples: slice | NDArray[np.bool_]) -> Motion:
         columns = {name: getattr(self, name)[samples] for name in (*_VECTORS, "time", "quaternion")}
         return Motion(**columns, name=self.name, estimated=self.estimated)
 

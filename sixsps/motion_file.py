@@ -39,9 +39,7 @@ def load(path: Path, cutoff: float | None = None) -> Motion:
     try:
         return _motion(read_table(path, _COLUMNS), cutoff, path.stem)
     except MotionError as error:
-        raise MotionError(
-            error.place, error.value, error.allowed, error.source or str(path)
-        ) from None
+        raise MotionError(error.place, error.value, error.allowed, error.source or str(path)) from None
 
 
 def save(motion: Motion, path: Path) -> None:
@@ -82,7 +80,14 @@ def write_table(columns: Mapping[str, Array], path: Path) -> None:
         if path.suffix == ".parquet":
             pa.parquet.write_table(table, temporary)
         else:
-            pa.csv.write_csv(table, temporary, pa.csv.WriteOptions(quoting_style="none"))
+            _write_csv(table, temporary)
+
+
+def _write_csv(table: pa.Table, path: Path) -> None:
+    options = pa.csv.WriteOptions(include_header=False, quoting_style="none")
+    with path.open("wb") as file:
+        file.write((",".join(table.column_names) + "\n").encode())  # pyarrow would quote the names
+        pa.csv.write_csv(table, file, options)
 
 
 def check_table_suffix(path: Path) -> None:
@@ -133,9 +138,7 @@ def _read_csv(path: Path) -> pa.Table:
     try:
         header = head.decode("utf-8-sig", errors="ignore").splitlines()[0]
         names = next(csv.reader([header]))
-        convert = pa.csv.ConvertOptions(
-            column_types={name: pa.float64() for name in names}, null_values=[""]
-        )
+        convert = pa.csv.ConvertOptions(column_types={name: pa.float64() for name in names}, null_values=[""])
         return pa.csv.read_csv(path, convert_options=convert)
     except (pa.ArrowException, StopIteration, IndexError, csv.Error) as error:
         raise _bad_cell(path) or MotionError("file", str(error), "CSV text", str(path)) from None

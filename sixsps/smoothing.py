@@ -154,7 +154,9 @@ def _derivative(knots: Array) -> sparse.csr_array:
         inner = knots[DEGREE - degree + 1 : len(knots) - (DEGREE - degree) - 1]
         spans = inner[degree:] - inner[:-degree]
         size = product.shape[0]
-        step = sparse.diags_array([-np.ones(size - 1), np.ones(size - 1)], offsets=[0, 1], shape=(size - 1, size))
+        step = sparse.diags_array(
+            [-np.ones(size - 1), np.ones(size - 1)], offsets=[0, 1], shape=(size - 1, size)
+        )
         product = sparse.csr_array(sparse.diags_array(degree / spans) @ step @ product)
     return product
 

@@ -166,9 +166,7 @@ def _platform(state: _State, parameters: ca.SX) -> _Body:
     return _Body(state.position + R @ com, omega, R @ inertia @ R.T @ omega, mass)
 
 
-def _links(
-    state: _State, base: ca.SX, joint: ca.SX, direction: ca.SX, parameters: ca.SX
-) -> list[_Body]:
+def _links(state: _State, base: ca.SX, joint: ca.SX, direction: ca.SX, parameters: ca.SX) -> list[_Body]:
     omega = ca.cross(direction, state.rate(direction))  # the leg does not spin about itself
     along = direction @ direction.T
     bodies = []

@@ -283,9 +283,7 @@ def bundled(name: str, mechanism: Mechanism, samples: int = SAMPLES) -> Motion:
     if name not in _BUNDLED:
         raise UnknownNameError("motion", name, ", ".join(bundled_motions()))
     if name == "line" and mechanism.name == "wu2012":
-        return line(
-            np.linspace(0, 2, samples), [0, 0.2, 0.45], [0, 0.1, 0], [0, 0.1, 0], PAPER_FORCE
-        )
+        return line(np.linspace(0, 2, samples), [0, 0.2, 0.45], [0, 0.1, 0], [0, 0.1, 0], PAPER_FORCE)
     stroke = float(np.diff(mechanism.length_limits).min())
     return _BUNDLED[name](home_position(mechanism), stroke, samples)
 

@@ -74,9 +74,7 @@ def _link(name: str, link: Link, sense: float, radius: float) -> dict[str, str]:
     }
 
 
-def _inertial(
-    name: str, mass: float, com: Iterable[float], inertia: list[list[float]]
-) -> dict[str, str]:
+def _inertial(name: str, mass: float, com: Iterable[float], inertia: list[list[float]]) -> dict[str, str]:
     entries = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}
     return {
         f"{name}_mass": repr(float(mass)),

@@ -6,6 +6,7 @@ import casadi
 
 from compare.blocks import in_blocks
 from compare.engine import EngineForces, Progress
+from sixsps import symbolic
 from sixsps.formulations.casadi import inverse_dynamics
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
@@ -18,12 +19,16 @@ class Casadi:
     loops = "none to close: leg vectors as functions of the platform pose"
     shares = "nothing but the frozen inputs"
 
-    def version(self) -> str:
+    def __init__(self, mechanism: Mechanism) -> None:
+        self._mechanism = mechanism
+        symbolic.forces()  # built once a process, here and not while samples are timed
+        symbolic.jacobian()
+
+    @staticmethod
+    def version() -> str:
         """Returns the version of CasADi."""
         return f"casadi {casadi.__version__}"
 
-    def inverse_dynamics(
-        self, mechanism: Mechanism, motion: Motion, progress: Progress
-    ) -> EngineForces:
+    def inverse_dynamics(self, motion: Motion, progress: Progress) -> EngineForces:
         """Returns the leg forces along a motion; see `Engine`."""
-        return in_blocks(inverse_dynamics, mechanism, motion, progress)
+        return in_blocks(inverse_dynamics, self._mechanism, motion, progress)

@@ -18,12 +18,14 @@ class Kane:
     loops = "none to close: leg motion in closed form"
     shares = "its leg kinematics also gives lengths and condition numbers of the report"
 
-    def version(self) -> str:
+    def __init__(self, mechanism: Mechanism) -> None:
+        self._mechanism = mechanism
+
+    @staticmethod
+    def version() -> str:
         """Returns the version of sixsps."""
         return f"sixsps {version('sixsps')}"
 
-    def inverse_dynamics(
-        self, mechanism: Mechanism, motion: Motion, progress: Progress
-    ) -> EngineForces:
+    def inverse_dynamics(self, motion: Motion, progress: Progress) -> EngineForces:
         """Returns the leg forces along a motion; see `Engine`."""
-        return in_blocks(kane.inverse_dynamics, mechanism, motion, progress)
+        return in_blocks(kane.inverse_dynamics, self._mechanism, motion, progress)

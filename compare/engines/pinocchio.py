@@ -182,25 +182,28 @@ class _PinocchioEngine:
     formulation = "recursive Newton-Euler (RNEA) of the open tree"
     tree: type[_UrdfTree] | type[_MjcfTree]
 
-    def version(self) -> str:
+    def __init__(self, mechanism: Mechanism) -> None:
+        self._tree = self.tree(mechanism)
+        self._tree.model.gravity.linear = np.array(mechanism.gravity)
+
+    @staticmethod
+    def version() -> str:
         """Returns the version of Pinocchio."""
         return f"pin {pin.__version__}"
 
-    def inverse_dynamics(
-        self, mechanism: Mechanism, motion: Motion, progress: Progress
-    ) -> EngineForces:
+    def inverse_dynamics(self, motion: Motion, progress: Progress) -> EngineForces:
         """Returns the leg forces along a motion; see `Engine`."""
-        tree = self.tree(mechanism)
-        tree.model.gravity.linear = np.array(mechanism.gravity)
+        tree = self._tree
         positions = tree.positions(motion)
         rates, accelerations = tree.platform_rates(motion)
+        wrenches = _joint_wrenches(tree, motion)
         results = np.empty((len(motion), 8))
-        wrench = pin.StdVec_Force([pin.Force.Zero() for _ in range(tree.model.njoints)])
+        external = pin.StdVec_Force([pin.Force.Zero() for _ in range(tree.model.njoints)])
         for k, q in enumerate(positions):
-            wrench[tree.platform] = _joint_wrench(tree, motion, k)
+            external[tree.platform] = pin.Force(wrenches[k])
             v, a = _joint_rates(tree, q, rates[k], accelerations[k])
-            tau = pin.rnea(tree.model, tree.data, q, v, a, wrench)
-            results[k] = _close_loops(tree, q, tau)
+            tau = pin.rnea(tree.model, tree.data, q, v, a, external)
+            results[k] = _close_loops(tree, tau)
             if (k + 1) % _PROGRESS_STEP == 0:
                 progress(k + 1)
         return EngineForces(results[:, :6], results[:, 6], results[:, 7])
@@ -222,12 +225,12 @@ class PinocchioBall(_PinocchioEngine):
     tree = _MjcfTree
 
 
-def _joint_wrench(tree: _Tree, motion: Motion, sample: int) -> Any:
-    """Returns the external wrench on the platform in its joint frame, moment about its origin."""
-    to_body = motion.rotation[sample].T
-    force = to_body @ motion.force[sample]
-    arm = tree.model.inertias[tree.platform].lever
-    return pin.Force(force, to_body @ motion.moment[sample] + np.cross(arm, force))
+def _joint_wrenches(tree: _Tree, motion: Motion) -> Array:
+    """Returns (n, 6) external wrenches on the platform in its joint frame, moment about its origin."""
+    to_body = np.swapaxes(motion.rotation, 1, 2)
+    force, moment = _turn(to_body, motion.force), _turn(to_body, motion.moment)
+    com = tree.model.inertias[tree.platform].lever
+    return np.hstack([force, moment + np.cross(com, force)])
 
 
 def _joint_rates(tree: _Tree, q: Array, rate: Array, acceleration: Array) -> tuple[Array, Array]:
@@ -263,18 +266,16 @@ def _joint_rates(tree: _Tree, q: Array, rate: Array, acceleration: Array) -> tup
     return v, a
 
 
-def _close_loops(tree: _Tree, q: Array, tau: Array) -> Array:
-    """Solves [S, Jc^T] [F; lambda] = tau.
+def _close_loops(tree: _Tree, tau: Array) -> Array:
+    """Solves [S, Jc^T] [F; lambda] = tau at the positions that `_joint_rates` has set.
 
     Returns:
         (8,) six leg forces [N], the largest entry of the residual [N, N m], and the largest
         distance between the ends of a loop [m].
     """
     model, data = tree.model, tree.data
-    pin.computeJointJacobians(model, data, q)
-    pin.updateFramePlacements(model, data)
     for closure, closure_data in zip(tree.closures, tree.closure_data, strict=True):
-        closure.calc(model, data, closure_data)
+        closure.calc(model, data, closure_data)  # without it the Jacobian is silently wrong
     jacobian = pin.getConstraintsJacobian(model, data, tree.closures, tree.closure_data)
     matrix = np.zeros((model.nv, 24))
     matrix[tree.actuated, np.arange(6)] = 1.0
@@ -283,8 +284,6 @@ def _close_loops(tree: _Tree, q: Array, tau: Array) -> Array:
     if info != 0:
         raise EngineError(f"the loop-closing solve failed: dgels returned {info}")
     residual = np.abs(tau - matrix @ solution[:24]).max()
-    gaps = [
-        np.linalg.norm(data.oMf[tip].translation - data.oMf[anchor].translation)
-        for tip, anchor in zip(tree.tips, tree.anchors, strict=True)
-    ]
-    return np.array([*solution[:6], residual, max(gaps)])
+    gaps = np.array([data.oMf[tip].translation for tip in tree.tips])
+    gaps -= [data.oMf[anchor].translation for anchor in tree.anchors]
+    return np.array([*solution[:6], residual, np.sqrt((gaps**2).sum(axis=1).max())])

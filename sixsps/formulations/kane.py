@@ -74,9 +74,7 @@ class PartialVelocities:
     platform_angular: Array
 
 
-def partial_velocities(
-    mechanism: Mechanism, motion: Motion, legs: LegKinematics
-) -> PartialVelocities:
+def partial_velocities(mechanism: Mechanism, motion: Motion, legs: LegKinematics) -> PartialVelocities:
     """Returns the partial velocities of all thirteen bodies.
 
     Args:

@@ -1,0 +1,1 @@
+"""The application: engines, comparison, report, and the command `sixsps`."""

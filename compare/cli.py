@@ -1,0 +1,253 @@
+"""The command `sixsps`. Parses, calls and prints; everything else is elsewhere.
+
+Exit status: 0 done and all engines agree, 1 an engine disagrees or failed or a pose is singular,
+2 bad input, told in one line on standard error.
+"""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Callable
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from sixsps.errors import InputError, SixspsError
+
+app = typer.Typer(
+    name="sixsps",
+    help="Leg forces of a hexapod (6-SPS, Stewart-Gough platform) that can be trusted.",
+    invoke_without_command=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+
+# What typer raises for a command line that it cannot parse; its class has no public name.
+_UsageError: Any = typer.BadParameter.__base__
+
+
+@app.callback()
+def _help_without_command(context: typer.Context) -> None:
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+def _complete_mechanism(incomplete: str) -> list[str]:
+    from sixsps.mechanism_file import bundled_mechanisms
+
+    return [name for name in bundled_mechanisms() if name.startswith(incomplete)]
+
+
+def _complete_motion(incomplete: str) -> list[str]:
+    from sixsps.trajectories import bundled_motions
+
+    return [name for name in bundled_motions() if name.startswith(incomplete)]
+
+
+def _complete_engine(incomplete: str) -> list[str]:
+    from compare.registry import ENGINES
+
+    return [name for name in ENGINES if name.startswith(incomplete)]
+
+
+MechanismName = Annotated[
+    str, typer.Argument(help="Mechanism file (YAML) or bundled name.", autocompletion=_complete_mechanism)
+]
+MotionName = Annotated[
+    str,
+    typer.Argument(help="Motion file (CSV, Parquet) or bundled name.", autocompletion=_complete_motion),
+]
+Engines = Annotated[
+    list[str] | None,
+    typer.Option("--engine", help="Engine to compare; may be repeated.", autocompletion=_complete_engine),
+]
+Samples = Annotated[int | None, typer.Option(min=2, help="Samples of a bundled motion.")]
+Cutoff = Annotated[
+    float | None,
+    typer.Option(help="Corner frequency of the smoothing of a recorded motion [Hz]; else from the data."),
+]
+Fit = Annotated[
+    bool, typer.Option("--fit", help="Shift and scale a file's motion to the mechanism's home and strokes.")
+]
+OutputFile = Annotated[Path, typer.Option("--output", help="File to write: .csv or .parquet.")]
+
+
+@app.command()
+def compare(
+    mechanism: MechanismName = "wu2012",
+    motion: MotionName = "line",
+    engine: Engines = None,
+    output: Annotated[Path, typer.Option(help="Folder for report and results.")] = Path("report"),
+    tolerance: Annotated[
+        float | None, typer.Option(min=0, help="Relative error allowed to every engine.")
+    ] = None,
+    time_limit: Annotated[float | None, typer.Option(min=0.001, help="Seconds an engine may take.")] = None,
+    samples: Samples = None,
+    cutoff: Cutoff = None,
+    fit: Fit = False,
+) -> None:
+    """Compare engines along a motion. Example: sixsps compare wu2012 line --output report."""
+    from compare import results as files
+    from compare.comparison import compare as run_comparison
+    from compare.inputs import load_motion
+    from compare.progress import watching
+    from compare.registry import ENGINES, check_names
+    from compare.report import answer, markdown, terminal
+    from sixsps.files import output_folder, write_atomically
+    from sixsps.mechanism import Mechanism
+
+    check_names(engine or [])
+    machine = Mechanism.load(mechanism)
+    path = load_motion(motion, machine, samples=samples, cutoff=cutoff, fit=fit)
+    folder = output_folder(output)
+    names = list(dict.fromkeys(engine or ENGINES))
+    with watching(len(path)) as watch:
+        comparison = run_comparison(
+            machine, path, names, requested=engine or (), tolerance=tolerance,
+            time_limit=time_limit, watch=watch,
+        )  # fmt: skip
+    comparison.results["command"] = shlex.join(["sixsps", *sys.argv[1:]])
+    files.write_forces(comparison, folder)
+    files.write_results(comparison.results, folder)
+    report = folder / files.REPORT
+    with write_atomically(report) as temporary:
+        temporary.write_text(markdown(comparison.results), encoding="utf-8")
+    _print(terminal(comparison.results))
+    typer.echo(answer(comparison.results))
+    typer.echo(f"report: {report}")
+    raise typer.Exit(0 if comparison.agreed else 1)
+
+
+@app.command()
+def forces(
+    mechanism: MechanismName,
+    motion: MotionName,
+    output: OutputFile,
+    engine: Annotated[
+        str, typer.Option(help="What computes them.", autocompletion=_complete_engine)
+    ] = "kane",
+    samples: Samples = None,
+    cutoff: Cutoff = None,
+    fit: Fit = False,
+) -> None:
+    """Write leg forces t,f1..f6 [N]. Example: sixsps forces wu2012 line --output forces.csv."""
+    from compare.inputs import load_motion
+    from compare.progress import watching
+    from compare.registry import check_names
+    from compare.single import engine_forces
+    from sixsps.mechanism import Mechanism
+    from sixsps.motion_file import check_table_suffix, write_table
+
+    check_names([engine])
+    check_table_suffix(output)
+    machine = Mechanism.load(mechanism)
+    path = load_motion(motion, machine, samples=samples, cutoff=cutoff, fit=fit)
+    with watching(len(path)) as watch:
+        result = engine_forces(engine, machine, path, watch)
+    columns = {"t": path.time} | {f"f{leg + 1}": result.forces[:, leg] for leg in range(6)}
+    write_table(columns, output)
+    _warn(result.warnings)
+    raise typer.Exit(1 if result.warnings else 0)
+
+
+@app.command()
+def ik(
+    mechanism: MechanismName,
+    motion: MotionName,
+    output: OutputFile,
+    rates: Annotated[bool, typer.Option("--rates", help="Also length rates dl1..dl6 [m/s].")] = False,
+    samples: Samples = None,
+    cutoff: Cutoff = None,
+    fit: Fit = False,
+) -> None:
+    """Write leg lengths t,l1..l6 [m]. Example: sixsps ik wu2012 line --rates --output lengths.csv."""
+    from compare.inputs import load_motion
+    from sixsps.kinematics import inverse_kinematics
+    from sixsps.mechanism import Mechanism
+    from sixsps.motion_file import check_table_suffix, write_table
+
+    check_table_suffix(output)
+    machine = Mechanism.load(mechanism)
+    path = load_motion(motion, machine, samples=samples, cutoff=cutoff, fit=fit)
+    legs = inverse_kinematics(machine, path)
+    columns = {"t": path.time} | {f"l{leg + 1}": legs.lengths[:, leg] for leg in range(6)}
+    if rates:
+        columns |= {f"dl{leg + 1}": legs.length_rates[:, leg] for leg in range(6)}
+    write_table(columns, output)
+
+
+class Format(StrEnum):
+    """What `export` can write."""
+
+    urdf = "urdf"
+    mjcf = "mjcf"
+
+
+@app.command()
+def export(
+    format: Annotated[Format, typer.Argument(help="What to write.")],  # noqa: A002  shown in the help
+    mechanism: MechanismName,
+    output: Annotated[Path, typer.Option(help="Folder, or file name of the URDF or MJCF.")],
+) -> None:
+    """Write URDF, closure YAML and MJCF. Example: sixsps export urdf wu2012 --output description."""
+    from sixsps.mechanism import Mechanism
+    from urdf.export import export_mjcf, export_urdf
+
+    machine = Mechanism.load(mechanism)
+    written = (export_urdf if format is Format.urdf else export_mjcf)(machine, output)
+    for path in written:
+        typer.echo(str(path))
+
+
+@app.command()
+def engines() -> None:
+    """List the engines: what is here, which version, or why not. Example: sixsps engines."""
+    from compare.registry import ENGINES
+    from compare.runner import probe
+
+    for outcome in probe(list(ENGINES)):
+        here = outcome.status == "ok"
+        typer.echo(f"{outcome.engine:<16}{outcome.facts['version'] if here else outcome.reason}")
+
+
+def _print(renderable: Any) -> None:
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=80)
+    console.print(renderable)
+
+
+def _warn(lines: list[str]) -> None:
+    for line in lines:
+        typer.echo(f"sixsps: {line}", err=True)
+
+
+def main() -> None:
+    """Runs the command and ends the process with its exit status."""
+    sys.exit(_status(lambda: app(standalone_mode=False)))
+
+
+def _status(command: Callable[[], Any]) -> int:
+    try:
+        return int(command() or 0)
+    except InputError as error:
+        _warn([str(error)])
+        return 2
+    except SixspsError as error:
+        _warn([str(error)])
+        return 1
+    except _UsageError as error:
+        message = " ".join(error.format_message().split()).rstrip(".")
+        _warn([f"{message}; see --help"])
+        return 2
+    except typer.Exit as stop:
+        return int(stop.exit_code)
+    except (typer.Abort, KeyboardInterrupt):
+        _warn(["interrupted; nothing was left half-written"])
+        return 130

@@ -1,0 +1,270 @@
+"""`results.json` to a Markdown report and a table for the terminal; computes nothing itself."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from typing import Any
+
+from rich.box import SIMPLE
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+_MOST_SINGULAR_SHOWN = 5
+_LIMITATIONS = (
+    "The reference is one of the formulations that are compared, in double precision: an error "
+    "smaller than its bound cannot be told from the reference's own.",
+    "Legs are rigid, symmetric about their axes and do not spin; joints have no friction and no play.",
+    "Length limits never change a number; samples outside are flagged.",
+)
+
+
+def answer(results: dict[str, Any]) -> str:
+    """Returns the outcome of a comparison in one sentence."""
+    engines = results["engines"]
+    ok = [entry for entry in engines.values() if entry["status"] == "ok"]
+    wrong = [name for name, entry in engines.items() if entry["within_tolerance"] is False]
+    failed = [name for name, entry in engines.items() if entry["status"] == "failed"]
+    missing = [name for name, entry in engines.items() if entry["status"] == "unavailable"]
+    parts = []
+    if wrong:
+        parts.append(f"{_list(wrong)} {_disagree(wrong)} with {results['reference']['engine']}")
+    elif ok:
+        worst = max(entry["max_rel_error"] for entry in ok)
+        parts.append(f"{len(ok)} engines agree to {worst:.1e} of the largest leg force")
+    if failed:
+        parts.append(f"{_list(failed)} failed")
+    if missing:
+        parts.append(f"{_list(missing)} not available")
+    singular = results["singular_samples"]
+    if singular:
+        count = len(singular)
+        parts.append(f"{count} singular sample{'s' if count > 1 else ''} without forces")
+    return "; ".join(parts) + "." if parts else "no engine gave forces."
+
+
+def _disagree(names: list[str]) -> str:
+    return "disagrees" if len(names) == 1 else "disagree"
+
+
+def _list(names: Iterable[str]) -> str:
+    return ", ".join(names)
+
+
+def terminal(results: dict[str, Any]) -> Group:
+    """Returns what a person at a terminal sees: the engines, then the mechanism, in 80 columns."""
+    table = Table(box=SIMPLE, pad_edge=False)
+    table.add_column("engine", no_wrap=True)
+    for heading in ("digits", "relative error", "largest error", "us/sample"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("")
+    notes = []
+    for name, entry in results["engines"].items():
+        table.add_row(name, *_figures(entry), _verdict(entry))
+        if entry["reason"]:
+            notes.append(Text(f"{name}: {entry['reason']}"))
+    lines = [Text(line) for line in _summary(results)]
+    return Group(table, *notes, *lines)
+
+
+def _figures(entry: dict[str, Any]) -> list[str]:
+    if entry["status"] != "ok":
+        return ["", "", "", ""]
+    digits = "reference" if entry["digits"] is None else f"{entry['digits']:.1f}"
+    largest = f"{entry['max_abs_error_N']:.1e} N"
+    cost = entry["microseconds_per_sample"]
+    return [digits, f"{entry['max_rel_error']:.1e}", largest, f"{cost:.1f}" if cost else ""]
+
+
+def _verdict(entry: dict[str, Any]) -> Text:
+    if entry["status"] != "ok":
+        return Text(entry["status"], style="red" if entry["status"] == "failed" else "yellow")
+    if entry["within_tolerance"]:
+        return Text("ok", style="green")
+    worst = entry["worst"]
+    return Text(f"wrong: leg {worst['leg']}, t = {worst['t']:g} s", style="red")
+
+
+def _summary(results: dict[str, Any]) -> list[str]:
+    legs, condition = results["legs"], results["max_condition"]
+    shortest, longest = _extremes(legs, "length_min_m"), _extremes(legs, "length_max_m")
+    lowest, highest = _extremes(legs, "force_min_N"), _extremes(legs, "force_max_N")
+    lines = [
+        f"leg lengths {_number(min(shortest, default=None))} to {_number(max(longest, default=None))} m, "
+        f"forces {_number(min(lowest, default=None))} to {_number(max(highest, default=None))} N, "
+        f"cond(J) up to {_number(condition['value'])}",
+        f"power balance residual {_number(results['power_balance_residual'])} of the power exchanged",
+    ]
+    for violation in results["limit_violations"]:
+        lines.append(
+            f"leg {violation['leg']} is outside its limit {violation['limit_m']:g} m at "
+            f"{violation['samples']} samples, worst {violation['length_m']:.6g} m at t = {violation['t']:g} s"
+        )
+    return lines + singular_lines(results["singular_samples"])
+
+
+def _extremes(legs: list[dict[str, Any]], key: str) -> list[float]:
+    return [leg[key] for leg in legs if leg[key] is not None]
+
+
+def _number(value: float | None, digits: int = 4) -> str:
+    return "none" if value is None else f"{value:.{digits}g}"
+
+
+def _span(leg: dict[str, Any], name: str, unit: str) -> str:
+    low, high = (_number(leg[f"{name}_{end}_{unit}"], 6) for end in ("min", "max"))
+    return f"{low} to {high}"
+
+
+def singular_lines(samples: list[dict[str, Any]]) -> list[str]:
+    """Returns one line for each of the first singular samples, and how many more there are."""
+    lines = []
+    for sample in samples[:_MOST_SINGULAR_SHOWN]:
+        condition = "infinite" if sample["condition"] is None else f"{sample['condition']:.1e}"
+        lines.append(
+            f"sample {sample['sample']} at t = {sample['t']:g} s is singular: cond(J) is {condition}, no forces"
+        )
+    if len(samples) > _MOST_SINGULAR_SHOWN:
+        lines.append(f"and {len(samples) - _MOST_SINGULAR_SHOWN} more singular samples")
+    return lines
+
+
+def markdown(results: dict[str, Any]) -> str:
+    """Returns the report as Markdown.
+
+    Args:
+        results: content of `results.json`.
+    """
+    mechanism, motion = results["mechanism"], results["motion"]
+    sections = [
+        f"# Leg forces of {_escaped(mechanism['name'])} along {_escaped(motion['name'])}",
+        f"**{_escaped(answer(results))}**",
+        _engines(results),
+        _failures(results),
+        "## How each engine works",
+        _methods(results),
+        "## The mechanism along the motion",
+        _legs(results),
+        "\n".join(f"- {_escaped(line)}" for line in _summary(results)[1:]),
+        "## Inputs",
+        _inputs(results),
+        "## Known limitations",
+        "\n".join(f"- {line}" for line in _LIMITATIONS),
+        "## Reproduce",
+        _reproduce(results),
+    ]
+    return "\n\n".join(section for section in sections if section) + "\n"
+
+
+def _engines(results: dict[str, Any]) -> str:
+    header = (
+        "engine", "version", "digits", "relative error", "allowed", "largest error [N]", "at",
+        "closure residual", "closure error [m]", "time per sample [us]", "status",
+    )  # fmt: skip
+    rows = []
+    for name, entry in results["engines"].items():
+        worst, ok = entry["worst"], entry["status"] == "ok"
+        where = f"t = {worst['t']:g} s, leg {worst['leg']}" if worst and entry["digits"] else ""
+        digits, relative, absolute, cost = _figures(entry)
+        status = entry["status"] if not ok or entry["within_tolerance"] else "**disagrees**"
+        rows.append(
+            (
+                name, entry["version"] or "", digits, relative, f"{entry['tolerance_rel']:.1e}",
+                absolute.removesuffix(" N"), where, _small(entry["closure_residual"]),
+                _small(entry["closure_error_m"]), cost, status,
+            )
+        )  # fmt: skip
+    reference = results["reference"]
+    note = (
+        f"Errors are against `{reference['engine']}`, whose own rounding error is below "
+        f"{reference['bound']:.1e} relative ({reference['reason']}). Relative error: largest difference "
+        "over all samples and legs, divided by the largest reference force. Closure residual: what "
+        "actuator and closure forces leave of the open tree's generalised forces [N, N m]."
+    )
+    return _table(header, rows) + "\n\n" + note
+
+
+def _small(value: float | None) -> str:
+    return "" if value is None else f"{value:.1e}"
+
+
+def _failures(results: dict[str, Any]) -> str:
+    reasons = [(name, entry["reason"]) for name, entry in results["engines"].items() if entry["reason"]]
+    return "\n".join(f"- {name}: {_escaped(reason)}" for name, reason in reasons)
+
+
+def _methods(results: dict[str, Any]) -> str:
+    header = ("engine", "formulation", "loops", "shares with others")
+    rows = [
+        (name, entry["formulation"] or "", entry["loops"] or "", entry["shares"] or "")
+        for name, entry in results["engines"].items()
+    ]
+    return _table(header, rows)
+
+
+def _legs(results: dict[str, Any]) -> str:
+    header = ("leg", "length [m]", "length rate [m/s]", "force [N]")
+    rows = [
+        (
+            str(leg["leg"]),
+            _span(leg, "length", "m"),
+            _span(leg, "length_rate", "m_s"),
+            _span(leg, "force", "N"),
+        )
+        for leg in results["legs"]
+    ]
+    condition = results["max_condition"]
+    note = (
+        f"Largest cond(J): {_number(condition['value'])} at t = {condition['t']:g} s, moments divided "
+        f"by {condition['characteristic_length_m']:.4g} m."
+    )
+    return _table(header, rows) + "\n\n" + note
+
+
+def _inputs(results: dict[str, Any]) -> str:
+    mechanism, motion = results["mechanism"], results["motion"]
+    lines = [f"- Mechanism `{_code(mechanism['name'])}`, SHA-256 of its numbers `{mechanism['sha256']}`."]
+    if mechanism["source"]:
+        lines.append(f"- Given by: {_escaped(mechanism['source'])}.")
+    for key, why in mechanism["assumed"].items():
+        lines.append(f"- Assumed, not given: `{_code(key)}`: {_escaped(why)}.")
+    lines.append(
+        f"- Motion `{_code(motion['name'])}`, {motion['samples']} samples from {motion['start_s']:g} to "
+        f"{motion['end_s']:g} s, SHA-256 of its numbers `{motion['sha256']}`."
+    )
+    for quantity, how in motion["estimated"].items():
+        lines.append(f"- Estimated from the poses, not given: {quantity}: {_escaped(how)}.")
+    return "\n".join(lines)
+
+
+def _reproduce(results: dict[str, Any]) -> str:
+    versions = ", ".join(f"{name} {number}" for name, number in results["versions"].items())
+    machine = results["machine"]
+    lines = [f"    {results['command']}"] if results.get("command") else []
+    lines.append(
+        f"{results['created']}, {versions}; {machine['system']}, {machine['architecture']}, "
+        f"{machine['cores']} cores."
+    )
+    return "\n\n".join(lines)
+
+
+def _table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    head = list(header)
+    lines = [head, ["---"] * len(head), *(list(row) for row in rows)]
+    return "\n".join("| " + " | ".join(_cell(cell) for cell in line) + " |" for line in lines)
+
+
+def _cell(text: str) -> str:
+    return text if text == "---" or text.startswith("**") else _escaped(text)
+
+
+def _escaped(text: str) -> str:
+    """Returns text that Markdown and HTML show as it is."""
+    safe = text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    return re.sub(r"([\\`*_\[\]|#])", r"\\\1", safe)
+
+
+def _code(text: str) -> str:
+    """Returns text that is safe between single backticks."""
+    return text.replace("`", "'").replace("|", "\\|")

@@ -1,0 +1,251 @@
+"""Engines x motion: each engine in a process of its own, with a time limit."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compare.worker import FORCES, JOB, PROGRESS, STATUS
+from sixsps.arrays import Array
+from sixsps.mechanism import Mechanism
+from sixsps.motion import Motion
+
+START_LIMIT_S = 60.0
+_BASE_LIMIT_S, _LIMIT_PER_SAMPLE_S = 120.0, 0.01
+_POLL_S = 0.01
+_SLOW_START_S = 10.0
+# One thread each, so that a time per sample is the time of one core.
+_THREADS = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+
+
+@dataclass(eq=False)
+class Outcome:
+    """How one engine's run ended.
+
+    Attributes:
+        engine: name.
+        status: "ok", "failed" or "unavailable".
+        reason: why not, when not "ok".
+        facts: version, formulation, loops and shares, as far as the engine got to say them.
+        seconds: time for all samples, without start and loading [s].
+        forces: (n, 6) [N], NaN at samples that were not given to the engine; None unless "ok".
+        closure_residual: (n,) [N, N m] or None; see `EngineForces`.
+        closure_error: (n,) [m] or None; see `EngineForces`.
+    """
+
+    engine: str
+    status: str
+    reason: str = ""
+    facts: dict[str, str] = field(default_factory=dict)
+    seconds: float | None = None
+    forces: Array | None = None
+    closure_residual: Array | None = None
+    closure_error: Array | None = None
+
+
+Watcher = Callable[[str, str, int], None]
+"""Called with engine, state ("starting", "running" or a final status) and samples done."""
+
+
+def run(
+    engines: Sequence[str],
+    mechanism: Mechanism,
+    motion: Motion,
+    regular: NDArray[np.bool_],
+    *,
+    time_limit: float | None = None,
+    watch: Watcher = lambda *_: None,
+) -> list[Outcome]:
+    """Computes the forces of every engine.
+
+    Args:
+        engines: names, all known to the registry.
+        mechanism: geometry and inertia.
+        motion: n samples.
+        regular: (n,) bool; only these samples are given to the engines, the others' forces are NaN.
+        time_limit: for one engine's computation [s]; by default 2 min and 10 ms a sample.
+        watch: told of every change.
+
+    Returns:
+        One outcome an engine, in the order of `engines`; nothing that happens in an engine's
+        process raises here.
+    """
+    job = pickle.dumps((mechanism, motion[regular]))
+    limit = _BASE_LIMIT_S + _LIMIT_PER_SAMPLE_S * len(motion) if time_limit is None else time_limit
+    outcomes = _run_all(engines, job, limit, watch)
+    for outcome in outcomes:
+        _spread(outcome, regular)
+        _refuse_nonsense(outcome, motion, regular)
+    return outcomes
+
+
+def probe(engines: Sequence[str]) -> list[Outcome]:
+    """Returns, without computing anything, whether each engine is there and which version it is."""
+    return _run_all(engines, None, START_LIMIT_S, lambda *_: None)
+
+
+class _Process:
+    """A worker and the folder through which it talks."""
+
+    def __init__(self, engine: str, folder: Path, job: bytes | None) -> None:
+        self.engine, self.folder = engine, folder
+        if job is not None:
+            (folder / JOB).write_bytes(job)
+        environment = os.environ | _THREADS | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        with (folder / "log").open("wb") as log:
+            self.process = subprocess.Popen(  # noqa: S603  this program's own module
+                [sys.executable, "-P", "-m", "compare.worker", engine, str(folder)],
+                stdin=subprocess.PIPE,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env=environment,
+            )
+        self.since = time.monotonic()
+        self.state = "starting"
+
+    def status(self) -> dict[str, Any]:
+        path = self.folder / STATUS
+        return json.loads(path.read_text()) if path.exists() else {"state": "starting"}
+
+    def done(self) -> int:
+        path = self.folder / PROGRESS
+        text = path.read_text() if path.exists() else ""
+        return int(text or 0)
+
+    def go(self) -> None:
+        self.state, self.since = "running", time.monotonic()
+        if self.process.stdin:
+            try:
+                self.process.stdin.write(b"go\n")
+                self.process.stdin.flush()
+            except OSError:
+                pass  # it died; the next look at the process says so
+
+    def stop(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        if self.process.stdin:
+            try:
+                self.process.stdin.close()
+            except OSError:
+                pass
+        self.process.wait()
+
+
+def _run_all(engines: Sequence[str], job: bytes | None, time_limit: float, watch: Watcher) -> list[Outcome]:
+    outcomes: dict[str, Outcome] = {}
+    with ExitStack() as stack:
+        processes = []
+        for engine in engines:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sixsps-")))
+            process = _Process(engine, folder, job)
+            stack.callback(process.stop)
+            processes.append(process)
+            watch(engine, "starting", 0)
+        waiting = list(processes)
+        while waiting:
+            for process in list(waiting):
+                outcome = _look(process, time_limit)
+                if outcome is not None:
+                    waiting.remove(process)
+                    outcomes[process.engine] = outcome
+                    watch(process.engine, outcome.status, process.done())
+                elif process.state == "running":
+                    watch(process.engine, "running", process.done())
+            _start_next(waiting)
+            time.sleep(_POLL_S)
+    return [outcomes[engine] for engine in engines]
+
+
+def _start_next(waiting: list[_Process]) -> None:
+    """Lets one process compute when none does, and none is busy starting: timings are undisturbed.
+
+    A start that takes much longer than any import does not hold the others up.
+    """
+    now = time.monotonic()
+    for process in waiting:
+        starts = process.state == "starting" and now - process.since < _SLOW_START_S
+        if starts or process.state == "running":
+            return
+    ready = [process for process in waiting if process.state == "ready"]
+    if ready:
+        ready[0].go()
+
+
+def _look(process: _Process, time_limit: float) -> Outcome | None:
+    """Returns the outcome of a process that has ended or has to be ended."""
+    ended = process.process.poll()
+    status = process.status()
+    if status["state"] in ("done", "failed", "unavailable"):
+        return _outcome(process, status)
+    if ended is not None:
+        return Outcome(process.engine, "failed", _cause_of_death(process, ended))
+    if status["state"] == "ready" and process.state == "starting":
+        process.state = "ready"
+    limit = time_limit if process.state == "running" else START_LIMIT_S
+    if process.state != "ready" and time.monotonic() - process.since > limit:
+        process.stop()
+        doing = "computing" if process.state == "running" else "starting"
+        return Outcome(process.engine, "failed", f"time limit: still {doing} after {limit:g} s")
+    return None
+
+
+def _outcome(process: _Process, status: dict[str, Any]) -> Outcome:
+    state, reason = status.pop("state"), " ".join(status.pop("reason", "").split())
+    seconds = status.pop("seconds", None)
+    if state != "done":
+        return Outcome(process.engine, state, reason, status)
+    outcome = Outcome(process.engine, "ok", "", status, seconds)
+    if (process.folder / FORCES).exists():
+        with np.load(process.folder / FORCES) as arrays:
+            outcome.forces = arrays["forces"]
+            outcome.closure_residual = arrays.get("closure_residual")
+            outcome.closure_error = arrays.get("closure_error")
+    return outcome
+
+
+def _cause_of_death(process: _Process, code: int) -> str:
+    cause = f"killed by {signal.Signals(-code).name}" if code < 0 else f"exited with status {code}"
+    log = (process.folder / "log").read_text(errors="replace").split("\n")
+    last = next((line for line in reversed(log) if line.strip()), "")
+    return f"its process {cause}" + (f": {last.strip()[:200]}" if last else "")
+
+
+def _spread(outcome: Outcome, regular: NDArray[np.bool_]) -> None:
+    for name in ("forces", "closure_residual", "closure_error"):
+        values = getattr(outcome, name)
+        if values is not None and len(values) == np.count_nonzero(regular):
+            full = np.full((len(regular), *values.shape[1:]), np.nan)
+            full[regular] = values
+            setattr(outcome, name, full)
+
+
+def _refuse_nonsense(outcome: Outcome, motion: Motion, regular: NDArray[np.bool_]) -> None:
+    """Turns an "ok" with forces that are none into "failed"."""
+    if outcome.status != "ok":
+        return
+    forces = outcome.forces
+    if forces is None or forces.shape != (len(motion), 6):
+        found = "none" if forces is None else f"an array of shape {forces.shape}"
+        outcome.status, outcome.reason = "failed", f"gave {found}, not ({len(motion)}, 6) forces"
+    elif not np.isfinite(forces[regular]).all():
+        sample, leg = np.argwhere(~np.isfinite(forces) & regular[:, None])[0]
+        time_s = motion.time[sample]
+        outcome.status = "failed"
+        outcome.reason = f"the force of leg {leg + 1} at t = {time_s:g} s is not a number"
+    if outcome.status == "failed":
+        outcome.forces = None

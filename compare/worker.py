@@ -1,0 +1,77 @@
+"""One engine in a process of its own: `python -m compare.worker ENGINE FOLDER`.
+
+The folder is the whole interface. In: `job.pickle`, where there is something to compute. Out:
+`status.json` (state, reason, version), `progress` (samples done) and `forces.npz`. Whatever an
+engine prints goes elsewhere. When ready it waits for a line on standard input, so that engines
+start side by side and are timed one after the other.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compare.engine import Engine
+from compare.registry import load
+from sixsps.errors import EngineUnavailable, SixspsError
+
+JOB, STATUS, PROGRESS, FORCES = "job.pickle", "status.json", "progress", "forces.npz"
+
+
+def main(engine: str, folder: Path) -> None:
+    """Runs `engine` on the job in `folder`, leaving the outcome in `status.json`."""
+    try:
+        _run(load(engine), folder)
+    except EngineUnavailable as error:
+        _report(folder, state="unavailable", reason=str(error))
+    except SixspsError as error:
+        _report(folder, state="failed", reason=str(error))
+    except Exception as error:  # the library's own error is the reason, whatever it is
+        _report(folder, state="failed", reason=f"{type(error).__name__}: {error}")
+
+
+def _run(engine: type[Engine], folder: Path) -> None:
+    facts = {
+        "version": engine.version(),
+        "formulation": engine.formulation,
+        "loops": engine.loops,
+        "shares": engine.shares,
+    }
+    job = folder / JOB
+    if not job.exists():
+        _report(folder, state="done", **facts)
+        return
+    mechanism, motion = pickle.loads(job.read_bytes())  # noqa: S301  written by the runner
+    model = engine(mechanism)
+    _report(folder, state="ready", **facts)
+    if not sys.stdin.readline():
+        return  # the runner is gone
+    progress = folder / PROGRESS
+
+    def note(done: int) -> None:
+        progress.write_text(str(done))
+
+    start = time.perf_counter()
+    result = model.inverse_dynamics(motion, note)
+    seconds = time.perf_counter() - start
+    optional = {"closure_residual": result.closure_residual, "closure_error": result.closure_error}
+    given = {name: value for name, value in optional.items() if value is not None}
+    np.savez(folder / FORCES, forces=result.forces, **given)
+    _report(folder, state="done", seconds=seconds, **facts)
+
+
+def _report(folder: Path, **status: Any) -> None:
+    written = folder / f"{STATUS}.part"
+    written.write_text(json.dumps(status))
+    os.replace(written, folder / STATUS)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], Path(sys.argv[2]))

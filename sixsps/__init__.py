@@ -1,0 +1,71 @@
+"""Leg forces of a hexapod (6-SPS, Stewart-Gough platform).
+
+Conventions, once for all: SI units. World frame O-XYZ on the base, platform frame O1-X1Y1Z1 on the
+platform. Arrays are float64, time first: (n, 3), (n, 6). Twist and wrench have the linear part
+first. Angular velocity and acceleration are world-frame vectors. Quaternions are w, x, y, z; Euler
+angles are R = Rx(alpha) Ry(beta) Rz(gamma), at the edges only. A leg force is positive when the
+actuator pushes, which extends the leg. Legs carry no spin about their own axis.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sixsps.errors import EngineError as EngineError
+    from sixsps.errors import EngineUnavailable as EngineUnavailable
+    from sixsps.errors import InputError as InputError
+    from sixsps.errors import MechanismError as MechanismError
+    from sixsps.errors import MotionError as MotionError
+    from sixsps.errors import OutputError as OutputError
+    from sixsps.errors import SixspsError as SixspsError
+    from sixsps.errors import UnknownNameError as UnknownNameError
+    from sixsps.formulations import inverse_dynamics as inverse_dynamics
+    from sixsps.kinematics import LegKinematics as LegKinematics
+    from sixsps.kinematics import inverse_kinematics as inverse_kinematics
+    from sixsps.mechanism import Leg as Leg
+    from sixsps.mechanism import Link as Link
+    from sixsps.mechanism import Mechanism as Mechanism
+    from sixsps.mechanism import Platform as Platform
+    from sixsps.mechanism_file import bundled_mechanisms as bundled_mechanisms
+    from sixsps.motion import Motion as Motion
+
+# Imported when first asked for: the module alone has to be there at once.
+_PLACES = {
+    "EngineError": "errors",
+    "EngineUnavailable": "errors",
+    "InputError": "errors",
+    "Leg": "mechanism",
+    "LegKinematics": "kinematics",
+    "Link": "mechanism",
+    "Mechanism": "mechanism",
+    "MechanismError": "errors",
+    "Motion": "motion",
+    "MotionError": "errors",
+    "OutputError": "errors",
+    "Platform": "mechanism",
+    "SixspsError": "errors",
+    "UnknownNameError": "errors",
+    "bundled_mechanisms": "mechanism_file",
+    "inverse_dynamics": "formulations",
+    "inverse_kinematics": "kinematics",
+}
+_MODULES = ("rotation", "symbolic", "trajectories")
+
+__all__ = sorted([*_PLACES, *_MODULES])
+
+
+def __getattr__(name: str) -> Any:
+    if name in _PLACES:
+        value = getattr(import_module(f"sixsps.{_PLACES[name]}"), name)
+    elif name in _MODULES:
+        value = import_module(f"sixsps.{name}")
+    else:
+        raise AttributeError(f"module 'sixsps' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__
