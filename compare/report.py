@@ -96,12 +96,15 @@ def _summary(results: dict[str, Any]) -> list[str]:
         f"cond(J) up to {_number(condition['value'])}",
         f"power balance residual {_number(results['power_balance_residual'])} of the power exchanged",
     ]
-    for violation in results["limit_violations"]:
-        lines.append(
-            f"leg {violation['leg']} is outside its limit {violation['limit_m']:g} m at "
-            f"{violation['samples']} samples, worst {violation['length_m']:.6g} m at t = {violation['t']:g} s"
-        )
+    lines += [_violation_line(violation) for violation in results["limit_violations"]]
     return lines + singular_lines(results["singular_samples"])
+
+
+def _violation_line(violation: dict[str, Any]) -> str:
+    return (
+        f"leg {violation['leg']} is outside its limit {violation['limit_m']:g} m at "
+        f"{violation['samples']} samples, worst {violation['length_m']:.6g} m at t = {violation['t']:g} s"
+    )
 
 
 def _extremes(legs: list[dict[str, Any]], key: str) -> list[float]:
@@ -123,7 +126,8 @@ def singular_lines(samples: list[dict[str, Any]]) -> list[str]:
     for sample in samples[:_MOST_SINGULAR_SHOWN]:
         condition = "infinite" if sample["condition"] is None else f"{sample['condition']:.1e}"
         lines.append(
-            f"sample {sample['sample']} at t = {sample['t']:g} s is singular: cond(J) is {condition}, no forces"
+            f"sample {sample['sample']} at t = {sample['t']:g} s is singular: "
+            f"cond(J) is {condition}, no forces"
         )
     if len(samples) > _MOST_SINGULAR_SHOWN:
         lines.append(f"and {len(samples) - _MOST_SINGULAR_SHOWN} more singular samples")

@@ -11,7 +11,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ _BASE_LIMIT_S, _LIMIT_PER_SAMPLE_S = 120.0, 0.01
 _POLL_S = 0.01
 _SLOW_START_S = 10.0
 # One thread each, so that a time per sample is the time of one core.
-_THREADS = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+_THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 @dataclass(eq=False)
@@ -129,20 +129,16 @@ class _Process:
     def go(self) -> None:
         self.state, self.since = "running", time.monotonic()
         if self.process.stdin:
-            try:
+            with suppress(OSError):  # where it died, the next look at the process says so
                 self.process.stdin.write(b"go\n")
                 self.process.stdin.flush()
-            except OSError:
-                pass  # it died; the next look at the process says so
 
     def stop(self) -> None:
         if self.process.poll() is None:
             self.process.kill()
         if self.process.stdin:
-            try:
+            with suppress(OSError):
                 self.process.stdin.close()
-            except OSError:
-                pass
         self.process.wait()
 
 

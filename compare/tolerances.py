@@ -33,14 +33,16 @@ class Tolerance:
         return max(self.agreement, self.rounding_factor * condition * UNIT_ROUNDOFF)
 
 
-_PER_LEG = "a few hundred roundings per leg enter J and C; the solve multiplies them by cond(J)"
-_TREE = "as kane, and a 30 x 24 least-squares solve whose condition exceeds cond(J)"
+_ROUNDING = (
+    "backward stable solve of J F = C; differences between engines stay below 6 on 1000 random states "
+    "of 200 random mechanisms, and another state may be a few times worse"
+)
 
 TOLERANCES: dict[str, Tolerance] = {
-    "kane": Tolerance(AGREEMENT, 100, _PER_LEG),
-    "casadi": Tolerance(AGREEMENT, 100, _PER_LEG),
-    "pinocchio": Tolerance(AGREEMENT, 300, _TREE),
-    "pinocchio-ball": Tolerance(AGREEMENT, 300, _TREE),
+    "kane": Tolerance(AGREEMENT, 20, _ROUNDING),
+    "casadi": Tolerance(AGREEMENT, 20, _ROUNDING),
+    "pinocchio": Tolerance(AGREEMENT, 20, _ROUNDING),
+    "pinocchio-ball": Tolerance(AGREEMENT, 20, _ROUNDING),
 }
 
 

@@ -9,7 +9,6 @@ start side by side and are timed one after the other.
 from __future__ import annotations
 
 import json
-import os
 import pickle
 import sys
 import time
@@ -63,14 +62,14 @@ def _run(engine: type[Engine], folder: Path) -> None:
     seconds = time.perf_counter() - start
     optional = {"closure_residual": result.closure_residual, "closure_error": result.closure_error}
     given = {name: value for name, value in optional.items() if value is not None}
-    np.savez(folder / FORCES, forces=result.forces, **given)
+    np.savez(folder / FORCES, allow_pickle=False, forces=result.forces, **given)
     _report(folder, state="done", seconds=seconds, **facts)
 
 
 def _report(folder: Path, **status: Any) -> None:
     written = folder / f"{STATUS}.part"
     written.write_text(json.dumps(status))
-    os.replace(written, folder / STATUS)
+    written.replace(folder / STATUS)
 
 
 if __name__ == "__main__":

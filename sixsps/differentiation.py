@@ -117,8 +117,16 @@ def complete(arrays: dict[str, Array], cutoff: float | None, name: str) -> Motio
 
 
 def _check_poses(time: Array, position: Array, quaternion: Array) -> None:
-    rest = dict.fromkeys(_DERIVATIVES, np.zeros(np.shape(position)))
-    Motion(time=time, position=position, quaternion=quaternion, **rest)
+    rest = np.zeros(np.shape(position))
+    Motion(
+        time=time,
+        position=position,
+        quaternion=quaternion,
+        velocity=rest,
+        angular_velocity=rest,
+        acceleration=rest,
+        angular_acceleration=rest,
+    )
 
 
 def _sign_continuous(quaternion: Array) -> Array:

@@ -55,7 +55,7 @@ class UnknownNameError(InputError):
     """A name (engine, formulation, motion) that does not exist; `allowed` lists those that do."""
 
 
-class EngineUnavailable(SixspsError):
+class EngineUnavailable(SixspsError):  # noqa: N818  the name is the condition
     """An engine whose library is missing or broken on this machine.
 
     Args:

@@ -67,7 +67,7 @@ def write_atomically(path: Path) -> Iterator[Path]:
     try:
         yield temporary
         temporary.chmod(0o666 & ~_umask())
-        os.replace(temporary, path)
+        temporary.replace(path)
     except OSError as error:
         raise OutputError("output", error.strerror, "a writable file", source) from None
     finally:

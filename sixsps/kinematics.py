@@ -65,7 +65,7 @@ class LegKinematics:
     @cached_property
     def condition(self) -> Array:
         """(n,) condition number of the Jacobian, angular columns over the characteristic length."""
-        return condition_numbers(self.jacobian, self.characteristic_length)
+        return condition_numbers(self.jacobian, self.lengths, self.characteristic_length)
 
 
 def inverse_kinematics(mechanism: Mechanism, motion: Motion) -> LegKinematics:

@@ -334,6 +334,7 @@ def _best_condition(mechanism: Mechanism, length: float) -> float:
     rotation *= np.linalg.det(rotation)[:, None, None]
     arms = np.einsum("nij,kj->nki", rotation, mechanism.platform_anchors)
     legs = position[:, None] + arms - mechanism.base_anchors
-    directions = legs / np.linalg.norm(legs, axis=-1, keepdims=True)
+    lengths = np.linalg.norm(legs, axis=-1)
+    directions = legs / lengths[..., None]
     jacobian = np.concatenate([directions, np.cross(arms, directions)], axis=-1)
-    return float(condition_numbers(jacobian, length).min())
+    return float(condition_numbers(jacobian, lengths, length).min())

@@ -233,12 +233,13 @@ def _known_keys(path: list[int | str]) -> str:
     for part in path:
         if isinstance(part, int):
             continue
-        section = {
+        sections: dict[str, type[BaseModel]] = {
             "base": _Base,
             "platform": _Platform,
             "legs": _Leg,
             "lower": _Link,
             "upper": _Link,
             "inertia": _Inertia if section is _Platform else _LinkInertia,
-        }[part]
+        }
+        section = sections[part]
     return "the keys " + ", ".join(section.model_fields)

@@ -51,13 +51,13 @@ class Motion:
 
     time: Array
     position: Array
-    quaternion: Array | None = None  # type: ignore[assignment]  # an array once constructed
+    quaternion: Array = None  # type: ignore[assignment]  # an array once constructed
     velocity: Array
     angular_velocity: Array
     acceleration: Array
     angular_acceleration: Array
-    force: Array | None = None  # type: ignore[assignment]
-    moment: Array | None = None  # type: ignore[assignment]
+    force: Array = None  # type: ignore[assignment]
+    moment: Array = None  # type: ignore[assignment]
     name: str = "motion"
     estimated: Mapping[str, str] = field(default_factory=dict)
 

@@ -132,7 +132,7 @@ def _probes(n: int) -> Array:
     if n <= _MOST_EXACT:
         return np.eye(n)
     signs = np.random.default_rng(0).integers(0, 2, (n, _PROBES)) * 2.0 - 1.0
-    return signs / math.sqrt(_PROBES)
+    return np.asarray(signs / math.sqrt(_PROBES), dtype=np.float64)
 
 
 def _penalty(knots: Array) -> Array:

@@ -29,7 +29,7 @@ from sixsps.motion import Motion
 
 _AXES = "xyz"
 _LINK_FIELDS = ("mass", "com", "transverse", "axial")
-_INERTIA = ("xx", "yy", "zz", "xy", "xz", "yz")
+_INERTIA = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 
 PARAMETERS: tuple[str, ...] = (
     *(f"gravity.{axis}" for axis in _AXES),
@@ -59,7 +59,7 @@ def parameter_vector(mechanism: Mechanism) -> Array:
             mechanism.platform_anchors.ravel(),
             [mechanism.platform.mass],
             mechanism.platform.com,
-            [inertia[_AXES.index(i), _AXES.index(j)] for i, j in _INERTIA],
+            [inertia[entry] for entry in _INERTIA.values()],
             [getattr(link, field) for link in links for field in _LINK_FIELDS],
         ]
     )
@@ -273,7 +273,8 @@ def energy() -> ca.Function:
 def energy_rate() -> ca.Function:
     """Returns the function (pose, twist, acceleration, parameters) -> rate of total energy [W]."""
     state = _model().state
-    rate = state.rate(sum(_energy(_model())))
+    kinetic, potential = _energy(_model())
+    rate = state.rate(kinetic + potential)
     inputs = {"twist": state.twist, "acceleration": state.acceleration}
     return _function("energy_rate", inputs, {"rate": rate})
 
@@ -292,8 +293,8 @@ def evaluate(function: ca.Function, mechanism: Mechanism, motion: Motion) -> dic
     columns = motion_columns(motion)
     columns["parameters"] = parameter_vector(mechanism)[:, None]
     # CasADi evaluates every sample that shares one column of parameters in a single call.
-    results = function(*(columns[function.name_in(i)] for i in range(function.n_in())))
-    results = [results] if function.n_out() == 1 else results
+    inputs = [ca.DM(columns[function.name_in(i)]) for i in range(function.n_in())]
+    results = function.call(inputs)
     stacked = {}
     for index, result in enumerate(results):
         rows, width = function.size_out(index)
@@ -337,8 +338,8 @@ def _derivatives_of_forces(name: str, slopes: dict[str, ca.SX]) -> ca.Function:
     inputs = _numeric_inputs()
     J, C = equations()(*inputs.values())
     F = {"F": _unknown_forces()}
-    values = _function(f"{name}_slopes", _motion_inputs(), slopes, F)(_solve(J, C, inputs), *inputs.values())
-    values = values if isinstance(values, (list, tuple)) else [values]
+    function = _function(f"{name}_slopes", _motion_inputs(), slopes, F)
+    values = function.call([_solve(J, C, inputs), *inputs.values()])
     outputs = [_solve(J, -ca.densify(value), inputs) for value in values]
     return ca.Function(name, list(inputs.values()), outputs, list(inputs), list(slopes))
 

@@ -17,7 +17,7 @@ _MOST_NODES = 20_000
 class _Loader(yaml.SafeLoader):
     """SafeLoader with the scalars of YAML 1.2: 1e-4 is a number, `on` and 1:30 are text."""
 
-    yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}
+    yaml_implicit_resolvers = {}  # noqa: RUF012  filled below
 
 
 _INTEGER = re.compile(r"[-+]?[0-9]+$")

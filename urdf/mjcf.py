@@ -90,13 +90,12 @@ def _platform(base: ET.Element, mechanism: Mechanism, layout: Layout) -> None:
     platform = mechanism.platform
     i = platform.inertia
     diagonal = not np.any(i - np.diag(np.diag(i)))
-    inertia = (
-        {"diaginertia": _text(np.diag(i))}
-        if diagonal
-        else {"fullinertia": _text((i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]))}
-    )
-    mass = repr(float(platform.mass))
-    ET.SubElement(body, "inertial", pos=_text(platform.com), mass=mass, **inertia)
+    inertial = {"pos": _text(platform.com), "mass": repr(float(platform.mass))}
+    if diagonal:
+        inertial["diaginertia"] = _text(np.diag(i))
+    else:
+        inertial["fullinertia"] = _text((i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]))
+    ET.SubElement(body, "inertial", inertial)
     _disc(body, layout.platform, "orange")
     for index, anchor in zip(LEGS, mechanism.platform_anchors, strict=True):
         ET.SubElement(body, "site", name=f"platform_anchor{index}", pos=_text(anchor))

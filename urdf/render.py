@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from importlib import resources
+from typing import Any
 from xml.dom.minidom import Document
 
 import xacro
@@ -98,7 +99,8 @@ def _text(numbers: Iterable[float]) -> str:
 
 def _remove_comments(document: Document) -> None:
     """Takes out the template's comments and xacro's banner, which would name a local path."""
-    for parent in (document, document.documentElement):
+    parents: list[Any] = [document, document.documentElement]
+    for parent in parents:
         for node in list(parent.childNodes):
             if node.nodeType == node.COMMENT_NODE:
                 parent.removeChild(node)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import casadi
+from importlib.metadata import version
 
 from compare.blocks import in_blocks
 from compare.engine import EngineForces, Progress
@@ -23,11 +23,12 @@ class Casadi:
         self._mechanism = mechanism
         symbolic.forces()  # built once a process, here and not while samples are timed
         symbolic.jacobian()
+        symbolic.lengths()
 
     @staticmethod
     def version() -> str:
         """Returns the version of CasADi."""
-        return f"casadi {casadi.__version__}"
+        return f"casadi {version('casadi')}"
 
     def inverse_dynamics(self, motion: Motion, progress: Progress) -> EngineForces:
         """Returns the leg forces along a motion; see `Engine`."""

@@ -26,6 +26,7 @@ def inverse_dynamics(mechanism: Mechanism, motion: Motion) -> Array:
         (n, 6) leg forces [N], positive in extension; NaN at singular poses.
     """
     jacobian = symbolic.evaluate(symbolic.jacobian(), mechanism, motion)["jacobian"]
-    condition = condition_numbers(jacobian, mechanism.characteristic_length)
+    lengths = symbolic.evaluate(symbolic.lengths(), mechanism, motion)["lengths"]
+    condition = condition_numbers(jacobian, lengths, mechanism.characteristic_length)
     forces = symbolic.evaluate(symbolic.forces(), mechanism, motion)["F"]
     return np.where((condition <= SINGULAR_CONDITION)[:, None], forces, np.nan)

@@ -35,7 +35,7 @@ def inverse_dynamics(mechanism: Mechanism, motion: Motion) -> Array:
     """
     legs = inverse_kinematics(mechanism, motion)
     C = actuator_wrench(mechanism, motion, legs)
-    return solve_leg_forces(legs.jacobian, C, mechanism.characteristic_length)
+    return solve_leg_forces(legs.jacobian, C, legs.condition, mechanism.characteristic_length)
 
 
 def actuator_wrench(mechanism: Mechanism, motion: Motion, legs: LegKinematics) -> Array:

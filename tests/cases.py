@@ -1,0 +1,84 @@
+"""Mechanisms and motions that tests draw from."""
+
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from sixsps.mechanism import Leg, Link, Mechanism, Platform
+from sixsps.motion import Motion
+from sixsps.trajectories import home_position
+
+BUNDLED = ("wu2012", "tsai2000", "taghirad2013")
+RECORDED = Path(__file__).parents[2] / "shared" / "data" / "recorded_motion.csv"
+
+
+def random_mechanism(seed):
+    """Non-planar anchors, six different legs, off-centre mass, full inertia, tilted gravity."""
+    rng = np.random.default_rng(seed)
+    size = 10 ** rng.uniform(-1, 1)
+    angles = np.sort(rng.uniform(0, 2 * np.pi, 6)) + rng.uniform(-0.2, 0.2, 6)
+    base = _ring(rng, angles, size)
+    platform = _ring(rng, angles + rng.uniform(0.3, 1.2) * (-1) ** np.arange(6), 0.6 * size)
+    mass = 10 ** rng.uniform(-1, 3)
+    turn = Rotation.random(rng=rng).as_matrix()
+    gyration = np.sort(rng.uniform(0.1, 0.5, 3)) ** 2 * size**2
+    gyration[2] = min(gyration[2], 0.99 * (gyration[0] + gyration[1]))
+    inertia = mass * turn @ np.diag(gyration) @ turn.T
+    inertia = (inertia + inertia.T) / 2
+    return Mechanism(
+        name=f"random {seed}",
+        gravity=9.81 * Rotation.random(rng=rng).as_matrix()[0],
+        base_anchors=base,
+        platform_anchors=platform + rng.uniform(-0.2, 0.2, 3) * size,
+        platform=Platform(mass, rng.uniform(-0.3, 0.3, 3) * size, inertia),
+        legs=tuple(Leg(_link(rng, size, mass), _link(rng, size, mass)) for _ in range(6)),
+    )
+
+
+def _ring(rng, angles, radius):
+    ring = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(6)])
+    return radius * (ring + rng.uniform(-0.25, 0.25, (6, 3)))
+
+
+def _link(rng, size, mass):
+    length = size * rng.uniform(1, 1.6)
+    weight = mass * 10 ** rng.uniform(-2, 0)
+    transverse = weight * length**2 * rng.uniform(0.02, 0.2)
+    return Link(weight, length, length * rng.uniform(0.2, 0.8), transverse, transverse * rng.uniform(0.01, 1))
+
+
+def random_motion(mechanism, seed, samples=5, tilt=0.5):
+    """Unrelated states around home: every pose, twist, acceleration and wrench is drawn anew."""
+    rng = np.random.default_rng(seed)
+    size = mechanism.characteristic_length
+    rate = 10 ** rng.uniform(-1, 1)
+    load = mechanism.platform.mass * 10
+
+    def draw(scale):
+        return scale * rng.standard_normal((samples, 3))
+
+    return Motion(
+        time=np.arange(samples),
+        position=home_position(mechanism) + draw(0.2 * size),
+        quaternion=Rotation.from_rotvec(draw(tilt)).as_quat(scalar_first=True),
+        velocity=draw(rate * size),
+        angular_velocity=draw(rate),
+        acceleration=draw(rate**2 * size),
+        angular_acceleration=draw(rate**2),
+        force=draw(load),
+        moment=draw(load * size),
+        name="random states",
+    )
+
+
+def at_rest(position, quaternion=(1.0, 0.0, 0.0, 0.0), **given):
+    """One sample at rest, or with the derivatives in `given`."""
+    zero = np.zeros((1, 3))
+    names = ("velocity", "angular_velocity", "acceleration", "angular_acceleration", "force", "moment")
+    return Motion(
+        time=[0.0],
+        position=[position],
+        quaternion=[quaternion],
+        **{name: np.atleast_2d(given.get(name, zero)) for name in names},
+    )
