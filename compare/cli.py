@@ -91,6 +91,7 @@ def compare(
     fit: Fit = False,
 ) -> None:
     """Compare engines along a motion. Example: sixsps compare wu2012 line --output report."""
+    from compare import figures
     from compare import results as files
     from compare.comparison import compare as run_comparison
     from compare.inputs import load_motion
@@ -113,9 +114,10 @@ def compare(
     comparison.results["command"] = shlex.join(["sixsps", *sys.argv[1:]])
     files.write_forces(comparison, folder)
     files.write_results(comparison.results, folder)
+    figure = figures.write_figure(comparison, machine, folder).name if figures.available() else None
     report = folder / files.REPORT
     with write_atomically(report) as temporary:
-        temporary.write_text(markdown(comparison.results), encoding="utf-8")
+        temporary.write_text(markdown(comparison.results, figure), encoding="utf-8")
     _print(terminal(comparison.results))
     typer.echo(answer(comparison.results))
     typer.echo(f"report: {report}")

@@ -55,7 +55,11 @@ def load(name: str) -> type[Engine]:
         EngineUnavailable: its library is missing or broken; the reason is what importing it said.
     """
     check_names([name])
-    entry = ENGINES[name]
+    return load_entry(name, ENGINES[name])
+
+
+def load_entry(name: str, entry: Entry) -> type[Engine]:
+    """Returns the class of an engine that need not be registered; see `load`."""
     if find_spec(entry.library) is None:
         raise EngineUnavailable(name, f"package {entry.package} is not installed", entry.extra)
     try:

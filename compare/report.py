@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 _MOST_SINGULAR_SHOWN = 5
+_NO_FIGURE = 'Without a picture: matplotlib is not installed (`pip install "sixsps[figures]"`).'
 _LIMITATIONS = (
     "The reference is one of the formulations that are compared, in double precision: an error "
     "smaller than its bound cannot be told from the reference's own.",
@@ -54,7 +55,7 @@ def _list(names: Iterable[str]) -> str:
 
 def terminal(results: dict[str, Any]) -> Group:
     """Returns what a person at a terminal sees: the engines, then the mechanism, in 80 columns."""
-    table = Table(box=SIMPLE, pad_edge=False)
+    table = Table(box=SIMPLE, show_edge=False, pad_edge=False)
     table.add_column("engine", no_wrap=True)
     for heading in ("digits", "relative error", "largest error", "us/sample"):
         table.add_column(heading, justify="right", no_wrap=True)
@@ -65,7 +66,7 @@ def terminal(results: dict[str, Any]) -> Group:
         if entry["reason"]:
             notes.append(Text(f"{name}: {entry['reason']}"))
     lines = [Text(line) for line in _summary(results)]
-    return Group(table, *notes, *lines)
+    return Group(table, Text(), *notes, *lines)
 
 
 def _figures(entry: dict[str, Any]) -> list[str]:
@@ -134,16 +135,18 @@ def singular_lines(samples: list[dict[str, Any]]) -> list[str]:
     return lines
 
 
-def markdown(results: dict[str, Any]) -> str:
+def markdown(results: dict[str, Any], figure: str | None = None) -> str:
     """Returns the report as Markdown.
 
     Args:
         results: content of `results.json`.
+        figure: file name of a picture beside the report.
     """
     mechanism, motion = results["mechanism"], results["motion"]
     sections = [
         f"# Leg forces of {_escaped(mechanism['name'])} along {_escaped(motion['name'])}",
         f"**{_escaped(answer(results))}**",
+        f"![Hexapod, leg forces and differences between engines]({figure})" if figure else _NO_FIGURE,
         _engines(results),
         _failures(results),
         "## How each engine works",

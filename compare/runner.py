@@ -12,14 +12,15 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compare.worker import FORCES, JOB, PROGRESS, STATUS
+from compare.registry import ENGINES
+from compare.worker import ENGINE, FORCES, JOB, PROGRESS, STATUS
 from sixsps.arrays import Array
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
@@ -103,12 +104,14 @@ class _Process:
 
     def __init__(self, engine: str, folder: Path, job: bytes | None) -> None:
         self.engine, self.folder = engine, folder
+        asked = {"name": engine, "entry": asdict(ENGINES[engine])}
+        (folder / ENGINE).write_text(json.dumps(asked))
         if job is not None:
             (folder / JOB).write_bytes(job)
         environment = os.environ | _THREADS | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
         with (folder / "log").open("wb") as log:
             self.process = subprocess.Popen(  # noqa: S603  this program's own module
-                [sys.executable, "-P", "-m", "compare.worker", engine, str(folder)],
+                [sys.executable, "-P", "-m", "compare.worker", str(folder)],
                 stdin=subprocess.PIPE,
                 stdout=log,
                 stderr=subprocess.STDOUT,

@@ -1,6 +1,7 @@
-"""One engine in a process of its own: `python -m compare.worker ENGINE FOLDER`.
+"""One engine in a process of its own: `python -m compare.worker FOLDER`.
 
-The folder is the whole interface. In: `job.pickle`, where there is something to compute. Out:
+The folder is the whole interface. In: `engine.json`, name and registry entry, and `job.pickle`,
+where there is something to compute. Out:
 `status.json` (state, reason, version), `progress` (samples done) and `forces.npz`. Whatever an
 engine prints goes elsewhere. When ready it waits for a line on standard input, so that engines
 start side by side and are timed one after the other.
@@ -18,16 +19,18 @@ from typing import Any
 import numpy as np
 
 from compare.engine import Engine
-from compare.registry import load
+from compare.registry import Entry, load_entry
 from sixsps.errors import EngineUnavailable, SixspsError
 
-JOB, STATUS, PROGRESS, FORCES = "job.pickle", "status.json", "progress", "forces.npz"
+ENGINE, JOB = "engine.json", "job.pickle"
+STATUS, PROGRESS, FORCES = "status.json", "progress", "forces.npz"
 
 
-def main(engine: str, folder: Path) -> None:
-    """Runs `engine` on the job in `folder`, leaving the outcome in `status.json`."""
+def main(folder: Path) -> None:
+    """Runs the engine on the job in `folder`, leaving the outcome in `status.json`."""
     try:
-        _run(load(engine), folder)
+        asked = json.loads((folder / ENGINE).read_text())
+        _run(load_entry(asked["name"], Entry(**asked["entry"])), folder)
     except EngineUnavailable as error:
         _report(folder, state="unavailable", reason=str(error))
     except SixspsError as error:
@@ -73,4 +76,4 @@ def _report(folder: Path, **status: Any) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], Path(sys.argv[2]))
+    main(Path(sys.argv[1]))

@@ -30,9 +30,7 @@ def condition_numbers(jacobian: Array, lengths: Array, characteristic_length: fl
     return conditions
 
 
-def solve_leg_forces(
-    jacobian: Array, wrench: Array, condition: Array, characteristic_length: float
-) -> Array:
+def solve_leg_forces(jacobian: Array, wrench: Array, condition: Array, characteristic_length: float) -> Array:
     """Solves J F = C (eq. 31), J being the transpose of `jacobian`, by LU with partial pivoting.
 
     Args:

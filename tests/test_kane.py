@@ -51,9 +51,7 @@ def test_platform_alone_obeys_newton_and_euler():
     platform, R = mechanism.platform, motion.rotation
     omega, epsilon = motion.angular_velocity, motion.angular_acceleration
     arm = R @ platform.com
-    acceleration = (
-        motion.acceleration + np.cross(epsilon, arm) + np.cross(omega, np.cross(omega, arm))
-    )
+    acceleration = motion.acceleration + np.cross(epsilon, arm) + np.cross(omega, np.cross(omega, arm))
     momentum_rate = platform.mass * (acceleration - mechanism.gravity) - motion.force
     body_omega, body_epsilon = (np.einsum("nji,nj->ni", R, vector) for vector in (omega, epsilon))
     body_moment = body_epsilon @ platform.inertia + np.cross(body_omega, body_omega @ platform.inertia)
@@ -161,9 +159,7 @@ def test_forces_scale_with_the_units(seed, length, mass, time):
         gravity=mechanism.gravity * length / time**2,
         base_anchors=mechanism.base_anchors * length,
         platform_anchors=mechanism.platform_anchors * length,
-        platform=Platform(
-            platform.mass * mass, platform.com * length, platform.inertia * moment_of_inertia
-        ),
+        platform=Platform(platform.mass * mass, platform.com * length, platform.inertia * moment_of_inertia),
         legs=tuple(Leg(scaled(leg.lower), scaled(leg.upper)) for leg in mechanism.legs),
     )
     other_motion = Motion(
@@ -286,8 +282,8 @@ class TestErrata:
         printed = np.sum(s * c, -1)[..., None, None] * np.eye(3) + c[..., :, None] * s[..., None, :]
         lower_com = mechanism.lower.com[:, None, None]
         linear = np.eye(3) - s[..., :, None] * s[..., None, :]
-        matrix = lower_com / legs.lengths[..., None, None] * np.concatenate(
-            [linear, -skew(s) @ printed], axis=-1
+        matrix = (
+            lower_com / legs.lengths[..., None, None] * np.concatenate([linear, -skew(s) @ printed], axis=-1)
         )
         found = np.einsum("nkij,nj->nki", matrix, twist)
         error = np.abs(found - legs.lower_velocity).max() / np.abs(legs.lower_velocity).max()

@@ -73,9 +73,7 @@ def left_perturbed(motion, axis, size):
         vector = np.zeros(3)
         vector[axis - 3] = size
         rotation = Rotation.from_rotvec(vector) * rotation
-    return dataclasses.replace(
-        motion, position=position, quaternion=rotation.as_quat(scalar_first=True)
-    )
+    return dataclasses.replace(motion, position=position, quaternion=rotation.as_quat(scalar_first=True))
 
 
 def test_derivative_with_respect_to_the_pose_is_taken_on_the_rotation_group(state):

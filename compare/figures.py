@@ -1,0 +1,149 @@
+"""The picture beside the report: the hexapod, its leg forces, and how far the engines are apart.
+
+Needs matplotlib, the extra `figures`; a report without it has no picture and says how to get one.
+"""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sixsps.arrays import Array
+from sixsps.files import write_atomically
+from sixsps.kinematics import inverse_kinematics
+from sixsps.mechanism import Mechanism
+from sixsps.motion import Motion
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from compare.comparison import Comparison
+
+FIGURE = "report.svg"
+# Okabe & Ito's colours, told apart with any colour vision.
+_COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
+_POINTS = 800
+# The hexapod is seen from the front, a little from the right and from above.
+_AZIMUTH, _ELEVATION = np.radians(-60), np.radians(20)
+
+
+def available() -> bool:
+    """Returns whether matplotlib is installed."""
+    return find_spec("matplotlib") is not None
+
+
+def write_figure(comparison: Comparison, mechanism: Mechanism, folder: Path) -> Path:
+    """Draws `report.svg` into `folder` and returns its path.
+
+    Args:
+        comparison: outcomes to draw.
+        mechanism: what moved.
+        folder: of the report.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    path = folder / FIGURE
+    # Text as text, and the same bytes for the same data.
+    style: dict[Any, Any] = {
+        "svg.fonttype": "none",
+        "svg.hashsalt": "sixsps",
+        "font.size": 9,
+        "axes.grid": True,
+    }
+    with mpl.rc_context(style):
+        figure = Figure(figsize=(10, 4.6))
+        places = figure.subplot_mosaic([["view", "forces"], ["view", "errors"]], width_ratios=(1, 1.7))
+        figure.subplots_adjust(left=0.02, right=0.83, bottom=0.11, top=0.94, wspace=0.25, hspace=0.1)
+        _draw_hexapod(places["view"], mechanism, comparison.motion, _first_forces(comparison))
+        _draw_forces(places["forces"], comparison)
+        _draw_errors(places["errors"], comparison)
+        with write_atomically(path) as temporary:
+            figure.savefig(temporary, format="svg", metadata={"Date": None, "Creator": None})
+    return path
+
+
+def _reference(comparison: Comparison) -> Array | None:
+    name = comparison.results["reference"]["engine"]
+    return next((o.forces for o in comparison.outcomes if o.engine == name), None)
+
+
+def _first_forces(comparison: Comparison) -> Array:
+    forces = _reference(comparison)
+    return np.zeros(6) if forces is None else np.nan_to_num(forces[0])
+
+
+def _thinned(samples: int) -> NDArray[np.intp]:
+    return np.unique(np.linspace(0, samples - 1, min(samples, _POINTS)).astype(np.intp))
+
+
+def _draw_forces(axes: Axes, comparison: Comparison) -> None:
+    forces, time = _reference(comparison), comparison.motion.time
+    if forces is not None:
+        shown = _thinned(len(time))
+        for leg in range(6):
+            axes.plot(time[shown], forces[shown, leg], color=_COLORS[leg], label=str(leg + 1))
+        axes.legend(title="leg", loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
+    axes.set_ylabel("leg force [N]\npositive: pushes")
+    axes.tick_params(labelbottom=False)
+
+
+def _draw_errors(axes: Axes, comparison: Comparison) -> None:
+    reference, results = _reference(comparison), comparison.results
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel(f"difference from\n{results['reference']['engine']}, relative")
+    axes.set_yscale("log")
+    if reference is None or not np.isfinite(reference).any():
+        return
+    scale, floor = np.nanmax(np.abs(reference)), np.finfo(float).eps / 8
+    for index, outcome in enumerate(comparison.outcomes):
+        if outcome.forces is None or outcome.engine == results["reference"]["engine"]:
+            continue
+        error = np.nan_to_num(np.abs(outcome.forces - reference)).max(axis=1) / scale
+        # The largest of every stretch, so that thinning hides no extreme.
+        starts = _thinned(len(error))
+        worst = np.maximum(np.maximum.reduceat(error, starts), floor)
+        axes.plot(comparison.motion.time[starts], worst, color=_COLORS[index % 6], label=outcome.engine, lw=1)
+    axes.axhline(results["reference"]["bound"], color="0.3", ls="--", lw=1, label="rounding bound")
+    axes.legend(loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
+
+
+def _draw_hexapod(axes: Axes, mechanism: Mechanism, motion: Motion, forces: Array) -> None:
+    legs = inverse_kinematics(mechanism, motion[:1])
+    base = _projected(mechanism.base_anchors)
+    platform = _projected(mechanism.base_anchors + legs.leg_vectors[0])
+    for anchors, color in ((base, "0.75"), (platform, "#E69F00")):
+        around = anchors[_around(anchors)]
+        axes.fill(*around.T, facecolor=color, edgecolor="0.3", alpha=0.7, zorder=1 if color == "0.75" else 3)
+    largest = np.abs(forces).max() or 1.0
+    for leg in range(6):
+        ends = np.array([base[leg], platform[leg]])
+        color = "#D55E00" if forces[leg] >= 0 else "#0072B2"
+        axes.plot(
+            *ends.T, color=color, lw=1 + 5 * abs(forces[leg]) / largest, solid_capstyle="round", zorder=2
+        )
+        axes.annotate(str(leg + 1), base[leg], textcoords="offset points", xytext=(0, -12), ha="center")
+    axes.set_title(f"t = {motion.time[0]:g} s: red legs push, blue legs pull", fontsize=9)
+    axes.set_aspect("equal")
+    axes.axis("off")
+    axes.margins(0.1)
+
+
+def _projected(points: Array) -> Array:
+    """Returns (n, 2) points of an orthographic view of (n, 3) points."""
+    across = np.array([-np.sin(_AZIMUTH), np.cos(_AZIMUTH), 0.0])
+    depth = np.array([np.cos(_AZIMUTH), np.sin(_AZIMUTH), 0.0])
+    up = np.array([0.0, 0.0, np.cos(_ELEVATION)]) - np.sin(_ELEVATION) * depth
+    return points @ np.column_stack([across, up])
+
+
+def _around(points: Array) -> NDArray[np.intp]:
+    center = points - points.mean(axis=0)
+    return np.argsort(np.arctan2(center[:, 1], center[:, 0]))

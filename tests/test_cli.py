@@ -1,0 +1,249 @@
+"""The command as a user runs it."""
+
+import json
+import os
+import pty
+import subprocess
+import sys
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from cases import RECORDED
+
+import sixsps
+from sixsps.trajectories import bundled
+
+COMMAND = [sys.executable, "-m", "compare"]
+
+
+def sixsps_command(*arguments, **options):
+    return subprocess.run([*COMMAND, *map(str, arguments)], capture_output=True, text=True, **options)
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """The main job on the paper's example: the folder it ran in, and how it ended."""
+    folder = tmp_path_factory.mktemp("compare")
+    return folder, sixsps_command("compare", "--samples", 200, cwd=folder)
+
+
+class TestCompare:
+    def test_paper_example_without_arguments(self, done):
+        folder, result = done
+        assert result.returncode == 0, result.stdout + result.stderr
+        assert result.stderr == ""
+        assert "4 engines agree to" in result.stdout
+        assert "report: report/report.md" in result.stdout
+        assert sorted(path.name for path in (folder / "report").iterdir()) == [
+            "forces.parquet",
+            "report.md",
+            "results.json",
+        ]
+
+    def test_piped_output_has_no_colours_and_fits_80_columns(self, done):
+        _, result = done
+        assert "\x1b" not in result.stdout
+        assert max(len(line) for line in result.stdout.splitlines()) <= 80
+
+    def test_results_have_the_agreed_keys(self, done):
+        folder, _ = done
+        results = json.loads((folder / "report" / "results.json").read_text())
+        assert {"versions", "machine", "mechanism", "motion", "reference", "engines"} <= set(results)
+        assert set(results["mechanism"]) >= {"name", "sha256"}
+        assert set(results["motion"]) >= {"name", "sha256"}
+        assert set(results["reference"]) >= {"engine", "bound"}
+        assert list(results["engines"]) == ["kane", "casadi", "pinocchio", "pinocchio-ball"]
+        for entry in results["engines"].values():
+            assert set(entry) >= {
+                "status",
+                "reason",
+                "version",
+                "formulation",
+                "max_abs_error_N",
+                "max_rel_error",
+                "worst",
+                "digits",
+                "closure_residual",
+                "microseconds_per_sample",
+                "tolerance_rel",
+                "within_tolerance",
+            }
+            assert set(entry["worst"]) == {"t", "leg"}
+        assert results["command"] == "sixsps compare --samples 200"
+
+    def test_impossible_tolerance_exits_with_1(self, tmp_path):
+        result = sixsps_command(
+            "compare", "wu2012", "line", "--samples", 5, "--engine", "casadi",
+            "--tolerance", "1e-30", "--output", tmp_path / "out",
+        )  # fmt: skip
+        assert result.returncode == 1
+        assert "casadi disagrees with kane" in result.stdout
+
+    def test_singular_pose_exits_with_1_and_names_the_sample(self, tmp_path):
+        motion = bundled("line", sixsps.Mechanism.load("wu2012"), 4)
+        position = np.array(motion.position)
+        position[2] = [0.01, 0.02, 0.0]
+        import dataclasses
+
+        dataclasses.replace(motion, position=position).save(tmp_path / "flat.csv")
+        result = sixsps_command(
+            "compare", "wu2012", tmp_path / "flat.csv", "--engine", "kane", "--output", tmp_path / "out"
+        )
+        assert result.returncode == 1
+        assert "sample 3 at t = 1.33333 s is singular" in result.stdout
+        table = pq.read_table(tmp_path / "out" / "forces.parquet").to_pydict()
+        assert np.isnan([table[f"f{leg}"][2] for leg in range(1, 7)]).all()
+        assert np.isfinite([table[f"f{leg}"][1] for leg in range(1, 7)]).all()
+
+    @pytest.mark.skipif(not RECORDED.exists(), reason="the recorded motion is not here")
+    @pytest.mark.parametrize("name", ["wu2012", "tsai2000", "taghirad2013"])
+    def test_recorded_motion_fitted_to_a_mechanism(self, name, tmp_path):
+        result = sixsps_command("compare", name, RECORDED, "--fit", "--output", tmp_path / "out")
+        assert result.returncode == 0, result.stdout + result.stderr
+        results = json.loads((tmp_path / "out" / "results.json").read_text())
+        assert all(entry["max_rel_error"] < 1e-10 for entry in results["engines"].values())
+        assert results["limit_violations"] == []
+
+    def test_terminal_shows_progress_on_standard_error_only(self, tmp_path):
+        main, other = pty.openpty()
+        with subprocess.Popen(
+            [*COMMAND, "compare", "--samples", "50", "--engine", "kane"],
+            cwd=tmp_path,
+            stdout=subprocess.PIPE,
+            stderr=other,
+            env=os.environ | {"TERM": "xterm-256color"},
+        ) as process:
+            os.close(other)
+            shown = b""
+            while True:
+                try:
+                    piece = os.read(main, 4096)
+                except OSError:
+                    break
+                shown += piece
+                if not piece:
+                    break
+            out = process.stdout.read()
+        os.close(main)
+        assert process.returncode == 0
+        assert b"kane" in shown
+        assert b"\x1b" not in out
+
+
+def test_forces_read_back_exactly(tmp_path):
+    mechanism = sixsps.Mechanism.load("tsai2000")
+    motion = bundled("sinusoids", mechanism, 40)
+    expected = sixsps.inverse_dynamics(mechanism, motion)
+    for suffix in ("csv", "parquet"):
+        path = tmp_path / f"forces.{suffix}"
+        result = sixsps_command("forces", "tsai2000", "sinusoids", "--samples", 40, "--output", path)
+        assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
+        if suffix == "csv":
+            assert path.read_text().splitlines()[0] == "t,f1,f2,f3,f4,f5,f6"
+            table = np.genfromtxt(path, delimiter=",", skip_header=1)
+        else:
+            columns = pq.read_table(path).to_pydict()
+            table = np.column_stack(list(columns.values()))
+        assert np.array_equal(table[:, 0], motion.time)
+        assert np.array_equal(table[:, 1:], expected)
+
+
+def test_forces_of_another_engine(tmp_path):
+    path = tmp_path / "forces.csv"
+    done = sixsps_command("forces", "wu2012", "line", "--samples", 5, "--engine", "casadi", "--output", path)
+    assert done.returncode == 0
+    table = np.genfromtxt(path, delimiter=",", skip_header=1)
+    wu2012 = sixsps.Mechanism.load("wu2012")
+    expected = sixsps.inverse_dynamics(wu2012, bundled("line", wu2012, 5))
+    np.testing.assert_allclose(table[:, 1:], expected, rtol=1e-12)
+
+
+def test_forces_at_a_singular_pose_are_nan_with_status_1(tmp_path):
+    motion = bundled("line", sixsps.Mechanism.load("wu2012"), 2)
+    import dataclasses
+
+    position = [[0.01, 0.02, 0.0], motion.position[1]]
+    dataclasses.replace(motion, position=position).save(tmp_path / "flat.parquet")
+    path = tmp_path / "forces.csv"
+    result = sixsps_command("forces", "wu2012", tmp_path / "flat.parquet", "--output", path)
+    assert result.returncode == 1
+    assert "sample 1 at t = 0 s is singular: cond(J) is" in result.stderr
+    table = np.genfromtxt(path, delimiter=",", skip_header=1)
+    assert np.isnan(table[0, 1:]).all()
+    assert np.isfinite(table[1]).all()
+
+
+def test_ik_with_and_without_rates(tmp_path):
+    mechanism = sixsps.Mechanism.load("wu2012")
+    legs = sixsps.inverse_kinematics(mechanism, bundled("line", mechanism, 7))
+    for option, columns in ((None, 7), ("--rates", 13)):
+        path = tmp_path / "lengths.csv"
+        arguments = ["ik", "wu2012", "line", "--samples", 7, "--output", path]
+        assert sixsps_command(*arguments, *([option] if option else [])).returncode == 0
+        table = np.genfromtxt(path, delimiter=",", skip_header=1)
+        assert table.shape == (7, columns)
+        assert np.array_equal(table[:, 1:7], legs.lengths)
+    assert np.array_equal(table[:, 7:], legs.length_rates)
+    assert path.read_text().startswith("t,l1,l2,l3,l4,l5,l6,dl1,dl2,dl3,dl4,dl5,dl6\n")
+
+
+@pytest.mark.parametrize(("format", "names"), [("urdf", {"urdf", "yaml", "xml"}), ("mjcf", {"xml"})])
+def test_export(format, names, tmp_path):
+    result = sixsps_command("export", format, "wu2012", "--output", tmp_path / "out")
+    assert result.returncode == 0
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {f"wu2012.{name}" for name in names}
+    assert len(result.stdout.splitlines()) == len(names)
+
+
+def test_engines_lists_each_with_its_version():
+    result = sixsps_command("engines")
+    assert result.returncode == 0
+    lines = dict(line.split(maxsplit=1) for line in result.stdout.splitlines())
+    assert list(lines) == ["kane", "casadi", "pinocchio", "pinocchio-ball"]
+    assert lines["casadi"].startswith("casadi 3.")
+
+
+@pytest.mark.parametrize("arguments", [[], ["--help"], ["compare", "--help"]])
+def test_help_goes_to_standard_output(arguments):
+    result = sixsps_command(*arguments)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert "Usage:" in result.stdout
+
+
+def test_shell_completion_offers_names():
+    def complete(line, count):
+        environment = os.environ | {
+            "_SIXSPS_COMPLETE": "complete_bash",
+            "COMP_WORDS": line,
+            "COMP_CWORD": str(count),
+        }
+        program = os.path.join(os.path.dirname(sys.executable), "sixsps")  # noqa: PTH118, PTH120
+        return subprocess.run([program], capture_output=True, text=True, env=environment).stdout.split()
+
+    assert complete("sixsps compare ts", 2) == ["tsai2000"]
+    assert complete("sixsps compare wu2012 si", 3) == ["sinusoids"]
+    assert complete("sixsps compare --engine pin", 3) == ["pinocchio", "pinocchio-ball"]
+
+
+def test_interrupt_leaves_no_half_written_file(tmp_path):
+    import signal
+    import time
+
+    output = tmp_path / "forces.csv"
+    output.write_text("precious\n")
+    process = subprocess.Popen(
+        [*COMMAND, "forces", "wu2012", "line", "--samples", "50000", "--engine", "pinocchio"]
+        + ["--output", str(output)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    time.sleep(3)
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert "Traceback" not in error
+    assert output.read_text() == "precious\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["forces.csv"]

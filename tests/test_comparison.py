@@ -1,0 +1,226 @@
+"""The main job in process: what it measures, and what it says of engines that are wrong."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from cases import at_rest
+from test_runner import fake  # noqa: F401  a fixture
+
+import sixsps
+from compare import metrics
+from compare.comparison import compare
+from compare.report import answer, markdown, terminal
+from compare.results import read_results, write_forces, write_results
+from compare.tolerances import AGREEMENT, TOLERANCES, rounding_bound
+from sixsps.trajectories import bundled, fitted
+
+
+@pytest.fixture(scope="module")
+def paper():
+    """The paper's example, 300 samples, all engines."""
+    mechanism = sixsps.Mechanism.load("wu2012")
+    return compare(mechanism, bundled("line", mechanism, 300), ["kane", "casadi", "pinocchio"])
+
+
+class TestPaperExample:
+    def test_all_engines_agree_to_rounding(self, paper):
+        assert paper.agreed
+        for name, entry in paper.results["engines"].items():
+            assert entry["status"] == "ok"
+            assert entry["within_tolerance"] is True
+            assert entry["max_rel_error"] <= paper.results["reference"]["bound"] <= 1e-13
+            assert entry["tolerance_rel"] == AGREEMENT
+            assert entry["microseconds_per_sample"] > 0
+            if name != "kane":
+                assert 13 < entry["digits"] <= metrics.MOST_DIGITS
+
+    def test_errors_belong_to_the_forces(self, paper):
+        forces = {outcome.engine: outcome.forces for outcome in paper.outcomes}
+        entry = paper.results["engines"]["pinocchio"]
+        difference = np.abs(forces["pinocchio"] - forces["kane"])
+        assert entry["max_abs_error_N"] == difference.max()
+        assert entry["max_rel_error"] == difference.max() / np.abs(forces["kane"]).max()
+        sample = list(paper.motion.time).index(entry["worst"]["t"])
+        assert difference[sample, entry["worst"]["leg"] - 1] == difference.max()
+
+    def test_ranges_and_condition(self, paper):
+        legs = paper.results["legs"]
+        assert min(leg["length_min_m"] for leg in legs) == pytest.approx(0.460, abs=5e-4)
+        assert max(leg["length_max_m"] for leg in legs) == pytest.approx(0.879, abs=5e-4)
+        kane = paper.outcomes[0].forces
+        assert [leg["force_max_N"] for leg in legs] == list(kane.max(axis=0))
+        assert paper.results["max_condition"]["value"] == pytest.approx(14.28, abs=0.01)
+        assert paper.results["limit_violations"] == []
+        assert paper.results["power_balance_residual"] < 1e-14
+
+    def test_results_survive_the_disk(self, paper, tmp_path):
+        path = write_results(paper.results, tmp_path)
+        assert read_results(path) == paper.results
+        table = pq.read_table(write_forces(paper, tmp_path)).to_pydict()
+        assert list(table)[:8] == ["engine", "t", "f1", "f2", "f3", "f4", "f5", "f6"]
+        assert len(table["t"]) == 3 * 300
+        assert table["f3"][:300] == list(paper.outcomes[0].forces[:, 2])
+
+    def test_report_tells_given_from_assumed(self, paper):
+        text = markdown(paper.results)
+        assert "3 engines agree to" in text
+        assert "Given by: Wu, Xiong & Kong".replace("&", "&amp;") in text
+        assert "Assumed, not given: `base.anchors`" in text
+        assert paper.results["mechanism"]["sha256"] in text
+
+    def test_terminal_table_fits_80_columns(self, paper):
+        from rich.console import Console
+
+        console = Console(width=80, record=True, file=open("/dev/null", "w"))  # noqa: SIM115, PTH123
+        console.print(terminal(paper.results))
+        console.file.close()
+        assert all(len(line) <= 80 for line in console.export_text().splitlines())
+        assert "…" not in console.export_text()
+
+
+class TestWrongEngines:
+    @pytest.fixture
+    def motion(self, wu2012):
+        return bundled("line", wu2012, 10)
+
+    def test_one_wrong_force_is_found_and_placed(self, fake, wu2012, motion):  # noqa: F811
+        comparison = compare(wu2012, motion, ["kane", fake("Disagrees")])
+        entry = comparison.results["engines"]["Disagrees"]
+        assert not comparison.agreed
+        assert entry["within_tolerance"] is False
+        assert entry["worst"] == {"t": motion.time[3], "leg": 5}
+        force = comparison.outcomes[0].forces[3, 4]
+        assert entry["max_abs_error_N"] == pytest.approx(0.01 * abs(force), rel=1e-12)
+        assert "Disagrees disagrees with kane" in answer(comparison.results)
+        assert "**disagrees**" in markdown(comparison.results)
+
+    def test_tolerance_can_be_set(self, fake, wu2012, motion):  # noqa: F811
+        comparison = compare(wu2012, motion, ["kane", fake("Disagrees")], tolerance=0.05)
+        assert comparison.agreed
+        assert comparison.results["engines"]["Disagrees"]["tolerance_rel"] == 0.05
+
+    def test_failure_is_a_row_with_its_reason(self, fake, wu2012, motion):  # noqa: F811
+        comparison = compare(wu2012, motion, ["kane", fake("Killed")])
+        assert not comparison.agreed
+        assert comparison.results["engines"]["Killed"]["status"] == "failed"
+        assert "killed by SIGSEGV" in markdown(comparison.results)
+        json.dumps(comparison.results, allow_nan=False)
+
+    def test_missing_engine_fails_only_when_asked_for(self, fake, wu2012, motion):  # noqa: F811
+        name = fake("GivesNan", "no_such_library")
+        engines = ["kane", name]
+        assert compare(wu2012, motion, engines).agreed
+        assert not compare(wu2012, motion, engines, requested=[name]).agreed
+
+
+@pytest.fixture(autouse=True)
+def tolerances_of_fakes(monkeypatch):
+    for name in ("Disagrees", "Killed", "GivesNan"):
+        monkeypatch.setitem(TOLERANCES, name, TOLERANCES["kane"])
+
+
+def test_reference_is_computed_where_it_is_not_compared(wu2012):
+    comparison = compare(wu2012, bundled("line", wu2012, 5), ["casadi"])
+    assert list(comparison.results["engines"]) == ["casadi"]
+    assert comparison.results["reference"]["engine"] == "kane"
+    assert 0 < comparison.results["engines"]["casadi"]["max_rel_error"] < 1e-13
+
+
+def test_singular_samples_are_named_and_the_rest_compared(wu2012):
+    motion = bundled("line", wu2012, 6)
+    position = np.array(motion.position)
+    position[4] = [0.01, 0.02, 0.0]
+    comparison = compare(wu2012, dataclasses.replace(motion, position=position), ["kane", "casadi"])
+    assert not comparison.agreed
+    (sample,) = comparison.results["singular_samples"]
+    assert (sample["sample"], sample["t"]) == (5, motion.time[4])
+    assert sample["condition"] is None or sample["condition"] > 1e12
+    assert comparison.results["engines"]["casadi"]["within_tolerance"] is True
+    assert "sample 5 at t = 1.6 s is singular" in markdown(comparison.results)
+
+
+def test_nothing_but_singular_samples(wu2012):
+    flat = at_rest([0.01, 0.02, 0.0])
+    comparison = compare(wu2012, flat, ["kane", "casadi", "pinocchio"])
+    assert not comparison.agreed
+    json.dumps(comparison.results, allow_nan=False)
+    assert "1 singular sample without forces" in markdown(comparison.results)
+
+
+def test_limit_violations_are_flagged_and_change_no_number(wu2012):
+    tight = dataclasses.replace(
+        wu2012,
+        legs=tuple(dataclasses.replace(leg, length_limits=(0.5, 0.8)) for leg in wu2012.legs),
+    )
+    motion = bundled("line", wu2012, 50)
+    comparison = compare(tight, motion, ["kane"])
+    assert comparison.agreed
+    found = comparison.results["limit_violations"]
+    lengths = sixsps.inverse_kinematics(tight, motion).lengths
+    assert sum(entry["samples"] for entry in found) == np.sum((lengths < 0.5) | (lengths > 0.8))
+    assert max(entry["length_m"] for entry in found) == lengths.max()
+    assert np.array_equal(comparison.outcomes[0].forces, sixsps.inverse_dynamics(wu2012, motion))
+
+
+def test_recorded_motion_says_what_was_estimated(wu2012, recorded):
+    comparison = compare(wu2012, fitted(recorded, wu2012), ["kane", "pinocchio-ball"])
+    assert comparison.agreed
+    assert set(comparison.results["motion"]["estimated"]) == {
+        "velocity",
+        "angular_velocity",
+        "acceleration",
+        "angular_acceleration",
+    }
+    assert "Estimated from the poses, not given: acceleration: quintic" in markdown(comparison.results)
+
+
+def test_tolerance_grows_with_the_condition_number_near_singularities():
+    tolerance = TOLERANCES["pinocchio"]
+    assert tolerance.relative(10) == AGREEMENT
+    assert tolerance.relative(1e10) == rounding_bound("pinocchio", 1e10) > AGREEMENT
+
+
+class TestMetrics:
+    def test_relative_error_is_of_the_largest_force(self):
+        reference = np.array([[1.0, -100, 0, 0, 0, 0]])
+        forces = reference + [[0, 0, 0.5, 0, 0, 0]]
+        assert metrics.relative_error(forces, reference) == 0.005
+
+    def test_nan_in_the_reference_does_not_count_and_does_not_hide(self):
+        reference = np.array([[np.nan] * 6, [1.0] * 6])
+        forces = np.array([[5.0] * 6, [1, 1, 1, 1, 1, 1.25]])
+        worst = metrics.worst_difference(forces, reference)
+        assert (worst.value, worst.sample, worst.leg) == (0.25, 1, 5)
+
+    def test_no_forces_at_all(self):
+        zero = np.zeros((2, 6))
+        assert metrics.relative_error(zero, zero) == 0
+        assert metrics.relative_error(zero + 1, zero) == 1
+
+    def test_digits(self):
+        assert metrics.digits(1e-10) == pytest.approx(10)
+        assert metrics.digits(0.0) == metrics.MOST_DIGITS
+        assert metrics.digits(3.0) == 0
+
+    def test_violations_name_leg_sample_and_limit(self):
+        lengths = np.full((3, 6), 1.0)
+        lengths[1, 4] = 2.5
+        lengths[2, 0] = 0.1
+        found = metrics.limit_violations(lengths, np.tile([0.5, 2.0], (6, 1)))
+        assert [(v.leg, v.worst_sample, v.limit) for v in found] == [(0, 2, 0.5), (4, 1, 2.0)]
+
+    def test_power_balance_sees_a_wrong_force(self, wu2012):
+        motion = bundled("line", wu2012, 5)
+        legs = sixsps.inverse_kinematics(wu2012, motion)
+        forces = sixsps.inverse_dynamics(wu2012, motion)
+        from sixsps import symbolic
+
+        rate = symbolic.evaluate(symbolic.energy_rate(), wu2012, motion)["rate"][:, 0]
+        right = metrics.power_balance(wu2012, motion, legs, forces, rate)
+        assert right.relative < 1e-14
+        forces[2, 1] += 1.0
+        wrong = metrics.power_balance(wu2012, motion, legs, forces, rate)
+        assert wrong.watts == pytest.approx(abs(legs.length_rates[2, 1]), rel=1e-6)
