@@ -96,7 +96,10 @@ MECHANISMS = {
     "empty": ("", ["an empty file"]),
     "binary": (bytes(range(256)) * 10, ["binary", "UTF-8"]),
     "syntax error": (edited("gravity: [0, 0, -9.81]", "gravity: [0, 0, -9.81"), ["line 3", "expected"]),
-    "unknown key": (edited("  mass: 1.0", "  mass: 1.0\n  weight: 9.81"), [":20:", "platform.weight", "9.81", "mass"]),
+    "unknown key": (
+        edited("  mass: 1.0", "  mass: 1.0\n  weight: 9.81"),
+        [":20:", "platform.weight", "9.81", "mass"],
+    ),
     "repeated key": (
         edited("  mass: 1.0", "  mass: 1.0\n  mass: 2.0"),
         [":20:", "platform.mass", "repeated"],

@@ -118,9 +118,9 @@ def test_noisy_uneven_poses_give_derivatives_and_their_noise(noise):
         order = 2 if "acceleration" in field else 1
         cutoff = found.rotation_cutoff if "angular" in field else found.position_cutoff
         error = rms(getattr(found, field)[inside] - getattr(motion, field)[inside])
-        # At the best cutoff the bias is of the noise's size or less.
-        assert error < 2 * expected_noise(order, noise, cutoff, 100.0)
-        assert error < (0.05 if noise == 1e-4 else 0.8) * rms(getattr(motion, field))
+        # Where the cutoff is right, what the filter takes of the motion is less than the noise it passes.
+        assert error < 1.25 * expected_noise(order, noise, cutoff, 100.0)
+        assert error < (0.01 if noise == 1e-4 else 0.1) * rms(getattr(motion, field))
     # The curve follows a small part of the noise at these cutoffs, a tenth at most.
     assert found.position_noise == pytest.approx(noise, rel=0.1)
     assert found.rotation_noise == pytest.approx(noise * np.sqrt(3), rel=0.1)
@@ -299,7 +299,8 @@ def test_recorded_motion_keeps_its_derivatives_when_every_second_sample_is_missi
     # motion that its filter takes.
     allowed = 2 * np.hypot(uncertainty(every, 100.0), uncertainty(second, 50.0))
     assert rms(difference) < allowed
-    assert allowed < 0.7 * rms(getattr(every, field))
+    # And it is the motion that they agree on, not the noise.
+    assert rms(difference) < 0.5 * rms(getattr(every, field))
 
 
 @pytest.mark.skipif(not RECORDED.exists(), reason="the recorded motion is not beside this checkout")
@@ -372,9 +373,9 @@ def test_extreme_cutoffs_are_refused_or_harmless(cutoff):
 
 
 def test_a_pause_much_longer_than_the_recording_is_refused_or_harmless():
-    # Ten seconds, a quarter of an hour of nothing, ten seconds more.
+    # Ten seconds, an hour of nothing, ten seconds more.
     time = np.arange(2000) / 100
-    time[1000:] += 1000.0
+    time[1000:] += 3600.0
     truth = wobble(time)
     motion = refused_or(lambda: Motion.from_poses(time, truth.position, truth.quaternion))
     if motion is None:

@@ -1,6 +1,5 @@
 """Mechanism files and the mechanism itself: exact, validated, and harmless whatever they hold."""
 
-import itertools
 import math
 import time
 import tracemalloc
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from cases import BUNDLED, random_mechanism
-from hypothesis import example, given
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -63,6 +62,11 @@ def read(text):
     return parse(text if isinstance(text, bytes) else text.encode(), "bench.yaml")
 
 
+def mapping():
+    """The bench as plain data; YAML 1.1 would read 1e-4 as text."""
+    return yaml.safe_load(edited("1e-4", "1.0e-4").replace("2e-5", "2.0e-5"))
+
+
 def refusal(text):
     """Returns the message with which `text` is refused, one printable line that names the file."""
     with pytest.raises(MechanismError) as caught:
@@ -99,9 +103,6 @@ def bench():
     return read(TEXT)
 
 
-# ---- round trip
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_saving_and_loading_gives_the_same_mechanism_bit_for_bit(seed, tmp_path):
     mechanism = random_mechanism(seed)
@@ -119,16 +120,13 @@ def test_bundled_mechanisms_survive_saving(mechanism, tmp_path):
     assert (again.source, again.assumed) == (mechanism.source, mechanism.assumed)
 
 
-@given(st.lists(st.floats(min_value=1e-300, max_value=1e100), min_size=4, max_size=4))
+@given(st.lists(st.floats(min_value=5e-324, max_value=1e100), min_size=4, max_size=4))
 @example([5e-324, 0.1 + 0.2, 1e22, 1.7976931348623157e308])
 @example([1e-4, 1e16, 123456789.123456789, 2.2250738585072014e-308])
 def test_awkward_floats_survive_saving(tmp_path_factory, values):
     mass, length, com, transverse = values
-    link = Link(mass, length, -com, transverse, min(transverse, 1.0))
-    legs = (Leg(link, LINK, (0.0, math.inf if length > 1e307 else 2 * length)),) if False else ()
-    mechanism = replace(
-        read(TEXT), gravity=[-0.0, com, -mass], legs=legs or (Leg(link, LINK, (0.0, length)),) * 6
-    )
+    leg = Leg(Link(mass, length, -com, transverse, transverse), LINK, (0.0, length))
+    mechanism = replace(read(TEXT), gravity=[-0.0, com, -mass], legs=[leg] * 6)
     assert bits(reread(mechanism, tmp_path_factory.getbasetemp())) == bits(mechanism)
 
 
@@ -139,18 +137,20 @@ def test_text_that_looks_like_a_number_survives_saving(bench, tmp_path, text):
     assert reread(mechanism, tmp_path) == mechanism
 
 
+@settings(max_examples=60)
 @given(
-    st.text(st.characters(categories=["L", "M", "N", "P", "S", "Zs"]), min_size=1, max_size=150),
+    st.text(st.characters(categories=["L", "M", "N", "P", "S"], include_characters=" "), max_size=150),
     st.text(st.characters(exclude_categories=["Cs"]), max_size=300),
 )
+@example("line ends", "\x85")
+@example("line ends", "one\rtwo\u2028three")
 @example("null", "~")
 @example("true", "no")
 @example("- a: *b", "<<")
 @example(" #{[\"'", "---\n...\n")
 @example("a" * 200, "\0\x85\u2028\ufeff\U0010ffff\r\n")
 def test_any_text_survives_saving(tmp_path_factory, name, source):
-    if not name.strip() or not name.isprintable():
-        name = "bench"
+    assume(name.strip())
     mechanism = replace(read(TEXT), name=name, source=source, assumed={"gravity": source, source: name})
     again = reread(mechanism, tmp_path_factory.getbasetemp())
     assert (again.name, again.source, dict(again.assumed)) == (name, source, dict(mechanism.assumed))
@@ -165,7 +165,7 @@ def test_a_lone_surrogate_is_refused_or_survives_saving(tmp_path):
 
 
 def test_six_different_legs_are_a_list_and_stay_in_order(bench, tmp_path):
-    shared = yaml.safe_load(edited("1e-4", "1.0e-4").replace("2e-5", "2.0e-5"))
+    shared = mapping()
     leg = shared["legs"]
     legs = [
         {**leg, "lower": {**leg["lower"], "mass": 0.5 + i}, "length_limits": [0.1 * i, 9]} for i in range(6)
@@ -176,7 +176,7 @@ def test_six_different_legs_are_a_list_and_stay_in_order(bench, tmp_path):
     assert_array_equal(mechanism.length_limits[:, 0], [0.1 * i for i in range(6)])
     assert mechanism != bench
     assert reread(mechanism, tmp_path) == mechanism
-    assert len(yaml.safe_load((tmp_path / "again.yaml").read_text())["legs"]) == 6
+    assert isinstance(mechanism.to_mapping()["legs"], list)
 
 
 def test_saving_where_nothing_can_be_written_leaves_nothing(bench, tmp_path):
@@ -187,9 +187,6 @@ def test_saving_where_nothing_can_be_written_leaves_nothing(bench, tmp_path):
     with pytest.raises(OutputError, match="allowed: "):
         bench.save(tmp_path / ("m" * 300))
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
-
-
-# ---- bundled
 
 
 def test_the_bundled_names_are_all_there():
@@ -240,9 +237,6 @@ def test_an_impossible_path_is_refused_in_one_line(name):
     with pytest.raises(MechanismError) as caught:
         Mechanism.load(name)
     assert str(caught.value).isprintable()
-
-
-# ---- what a file may say
 
 
 def test_defaults_of_com_limits_and_text(bench):
@@ -319,8 +313,6 @@ def test_a_byte_order_mark_and_windows_line_ends_do_not_matter(bench):
     assert read("\ufeff" + TEXT.replace("\n", "\r\n")) == bench
 
 
-# ---- what a file may not say
-
 # what is edited, what to, key that the message names, what else it says
 ERRORS = {
     "unknown key": ("name: bench", "name: bench\ncolour: red", "colour", ["red", "gravity"]),
@@ -338,7 +330,6 @@ ERRORS = {
     "base is a list": ("platform:\n", "platform: []\nleftover:\n", "platform", ["[]", "mapping"]),
     "anchor with two coordinates": ("[0.24, 0.06, 0]", "[0.24, 0.06]", "base.anchors.1", ["2 entries"]),
     "anchor with text": ("[0.24, 0.06, 0]", "[0.24, here, 0]", "base.anchors.1.1", ["here", "number"]),
-    "seven anchors": ("    - [0.24, 0.06, 0]", "    - [1, 2, 3]\n    - [0, 0, 0]", "base.anchors", ["7 entries"]),
     "capital NaN": ("1.25", ".NaN", "platform.mass", ["nan", "finite"]),
     "capital infinity": ("1.25", "-.Inf", "platform.mass", ["-inf", "finite"]),
     "shouted infinity": ("1.25", ".INF", "platform.mass", ["inf", "finite"]),
@@ -346,18 +337,24 @@ ERRORS = {
     "negative length": ("length: 0.4,", "length: -0.4,", "legs.upper.length", ["-0.4", "> 0", "m"]),
     "zero transverse": ("transverse: 0.004", "transverse: 0", "legs.upper.inertia.transverse", ["0", "> 0"]),
     "negative axial": ("axial: 2e-5", "axial: -2e-5", "legs.upper.inertia.axial", ["-2e-05", "> 0"]),
-    "axial above twice transverse": ("axial: 2e-5", "axial: 0.0081", "legs.upper.inertia.axial", ["0.0081", "0.008"]),
+    "axial above twice transverse": (
+        "axial: 2e-5", "axial: 0.0081", "legs.upper.inertia.axial", ["0.0081", "0.008"],
+    ),
     "radius beside inertia": ("length: 0.4,", "length: 0.4, radius: 0.1,", "legs.upper", ["both", "one"]),
     "neither radius nor inertia": (
         ", inertia: {transverse: 0.004, axial: 2e-5}", "", "legs.upper", ["neither", "one"],
     ),
-    "zero radius": ("inertia: {transverse: 0.004, axial: 2e-5}", "radius: 0", "legs.upper.radius", ["0", "> 0"]),
+    "zero radius": (
+        "inertia: {transverse: 0.004, axial: 2e-5}", "radius: 0", "legs.upper.radius", ["0", "> 0"],
+    ),
     "huge radius": ("inertia: {transverse: 0.004, axial: 2e-5}", "radius: 1e200", "legs.upper", ["1e+200"]),
     "limits backwards": ("legs:", "legs:\n  length_limits: [0.9, 0.5]", "legs.length_limits", ["[0.9, 0.5]"]),
     "negative limit": ("legs:", "legs:\n  length_limits: [-1, 0.5]", "legs.length_limits", ["[-1.0, 0.5]"]),
     "three limits": ("legs:", "legs:\n  length_limits: [1, 2, 3]", "legs.length_limits", ["3 entries"]),
     "assumed is a list": ("name: bench", "name: bench\nassumed: [gravity]", "assumed", ["mapping"]),
-    "assumed without text": ("name: bench", "name: bench\nassumed: {gravity: 9.81}", "assumed.gravity", ["9.81", "text"]),
+    "assumed without text": (
+        "name: bench", "name: bench\nassumed: {gravity: 9.81}", "assumed.gravity", ["9.81", "text"],
+    ),
 }  # fmt: skip
 
 
@@ -365,15 +362,12 @@ ERRORS = {
 def test_an_error_names_file_line_key_value_and_what_is_allowed(old, new, key, says):
     text = edited(old, new)
     message = refusal(text)
-    changed = next(
-        number
-        for number, (line, before) in enumerate(
-            itertools.zip_longest(text.splitlines(), TEXT.splitlines()), 1
-        )
-        if line != before
+    changed, _ = next(
+        (number, pair)
+        for number, pair in enumerate(zip(text.splitlines(), TEXT.splitlines(), strict=False), 1)
+        if pair[0] != pair[1]
     )
-    lines = {changed, *range(changed, changed + new.count("\n") + 1), line_of("  anchors:", text)}
-    assert any(message.startswith(f"bench.yaml:{number}: {key}") for number in lines), message
+    assert message.startswith(f"bench.yaml:{changed}: {key}"), message
     for words in says:
         assert words in message
 
@@ -382,7 +376,7 @@ def test_an_error_names_file_line_key_value_and_what_is_allowed(old, new, key, s
     "key", ["gravity", "platform.mass", "platform.inertia.zz", "legs.lower.length", "legs"]
 )
 def test_a_missing_key_is_named(key):
-    content = yaml.safe_load(edited("1e-4", "1.0e-4").replace("2e-5", "2.0e-5"))
+    content = mapping()
     *parents, last = key.split(".")
     section = content
     for parent in parents:
@@ -392,24 +386,23 @@ def test_a_missing_key_is_named(key):
     assert f"{key}: missing; allowed: this key is required" in message
 
 
+def test_seven_anchors_are_refused():
+    message = refusal(edited("base:\n  anchors:\n", "base:\n  anchors:\n    - [1, 2, 3]\n"))
+    assert message == "bench.yaml:4: base.anchors: 7 entries; allowed: 6 entries"
+
+
 @pytest.mark.parametrize("count", [0, 1, 5, 7])
 def test_a_list_of_legs_has_six(count):
-    content = yaml.safe_load(edited("1e-4", "1.0e-4").replace("2e-5", "2.0e-5"))
+    content = mapping()
     text = yaml.safe_dump({**content, "legs": [content["legs"]] * count})
     assert refusal(text) == f"bench.yaml:{line_of('legs:', text)}: legs: {count} entries; allowed: 6 entries"
 
 
 def test_the_leg_at_fault_is_named():
-    content = yaml.safe_load(edited("1e-4", "1.0e-4").replace("2e-5", "2.0e-5"))
+    content = mapping()
     bad = {**content["legs"], "upper": {**content["legs"]["upper"], "mass": -3}}
     text = yaml.safe_dump({**content, "legs": [content["legs"]] * 4 + [bad, content["legs"]]})
     assert refusal(text).startswith(f"bench.yaml:{line_of('mass: -3', text)}: legs.4.upper.mass: -3.0; ")
-
-
-PLATES = {
-    "in its own axes": np.diag([1.0, 2.0, 3.0]),
-    "turned": None,
-}
 
 
 def test_a_thin_plate_is_a_rigid_body():
@@ -441,9 +434,6 @@ def test_pairs_of_coincident_anchors_are_a_real_mechanism(bench, group):
     anchors = np.array(getattr(bench, f"{group}_anchors"))
     anchors[1::2] = anchors[::2]
     assert replace(bench, **{f"{group}_anchors": anchors}).name == "bench"
-
-
-# ---- hostile files
 
 
 @pytest.mark.parametrize(
@@ -568,7 +558,7 @@ def test_a_file_of_100_megabytes_is_refused_unread(tmp_path):
 
 @pytest.mark.parametrize(
     "text",
-    ["&a [*a]\n", "name: &a {b: *a}\n", "name: &a [[[*a]]]\n", "a: &a {<<: *a}\n", "&a ? *a\n: 1\n"],
+    ["&a [*a]\n", "name: &a {b: *a}\n", "name: &a [[[*a]]]\n", "a: &a {<<: *a}\n", "? &a [*a]\n: 1\n"],
 )
 def test_an_alias_that_contains_itself_is_refused(text):
     assert "itself" in refusal(text)
@@ -668,9 +658,6 @@ def test_an_export_that_fails_half_way_leaves_nothing(bench, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["bench.xml"]
 
 
-# ---- constructed in Python
-
-
 def link(**changes):
     return Link(**{"mass": 0.5, "length": 0.45, "com": 0.2, "transverse": 0.008, "axial": 1e-4} | changes)
 
@@ -706,7 +693,7 @@ def test_a_leg_refuses_impossible_limits(limits):
         Leg(LINK, LINK, limits)
 
 
-@pytest.mark.parametrize("limits", [(), (0.5,), (0.1, 0.2, 0.3), 0.5, "ab", None])
+@pytest.mark.parametrize("limits", [(), (0.5,), (0.1, 0.2, 0.3), 0.5, "ab"])
 def test_a_leg_refuses_what_are_no_two_limits(limits):
     with pytest.raises(MechanismError, match="length_limits"):
         Leg(LINK, LINK, limits)
@@ -726,7 +713,7 @@ PLATFORMS = {
     "inertia shape": ({"inertia": [1, 1, 1]}, "platform.inertia: shape (3,)"),
     "inertia infinite": ({"inertia": np.diag([1, math.inf, 1])}, "platform.inertia[1, 1]: inf"),
     "inertia text": ({"inertia": "big"}, "platform.inertia: big"),
-    "not symmetric": ({"inertia": INERTIA + [[0, 1e-4, 0], [0, 0, 0], [0, 0, 0]]}, "a symmetric matrix"),
+    "not symmetric": ({"inertia": np.triu(np.ones((3, 3)))}, "a symmetric matrix"),
     "not positive": ({"inertia": np.diag([1.0, 1.0, 0.0])}, "positive principal moments"),
     "not positive off the axes": (
         {"inertia": np.ones((3, 3)) + np.eye(3) * 1e-9 - 2e-9},
@@ -747,7 +734,9 @@ MECHANISMS = {
     "gravity shape": ({"gravity": [0, -9.81]}, "gravity: shape (2,); allowed: shape (3)"),
     "gravity scalar": ({"gravity": -9.81}, "gravity: shape (); allowed: shape (3)"),
     "gravity ragged": ({"gravity": [0, [0, 0], -9.81]}, "gravity"),
-    "anchors transposed": ({"base_anchors": np.ones((3, 6))}, "base.anchors: shape (3, 6); allowed: shape (6, 3)"),
+    "anchors transposed": (
+        {"base_anchors": np.ones((3, 6))}, "base.anchors: shape (3, 6); allowed: shape (6, 3)",
+    ),
     "anchors NaN": ({"platform_anchors": np.full((6, 3), math.nan)}, "platform.anchors[0, 0]: nan"),
     "five legs": ({"legs": [LEG] * 5}, "legs: 5 legs; allowed: six legs"),
     "seven legs": ({"legs": [LEG] * 7}, "legs: 7 legs; allowed: six legs"),

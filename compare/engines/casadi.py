@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from importlib.metadata import version
 
-from compare.blocks import in_blocks
 from compare.engine import EngineForces, Progress
 from sixsps import symbolic
-from sixsps.formulations.casadi import inverse_dynamics
+from sixsps.formulations import inverse_dynamics
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
 
@@ -17,7 +16,7 @@ class Casadi:
 
     formulation = "Jourdain's principle, derivatives of positions by CasADi"
     loops = "none to close: leg vectors as functions of the platform pose"
-    shares = "nothing but the frozen inputs"
+    shares = "the threshold of singularity with kane"
 
     def __init__(self, mechanism: Mechanism) -> None:
         self._mechanism = mechanism
@@ -32,4 +31,4 @@ class Casadi:
 
     def inverse_dynamics(self, motion: Motion, progress: Progress) -> EngineForces:
         """Returns the leg forces along a motion; see `Engine`."""
-        return in_blocks(inverse_dynamics, self._mechanism, motion, progress)
+        return EngineForces(inverse_dynamics(self._mechanism, motion, "casadi", progress))

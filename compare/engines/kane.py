@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from importlib.metadata import version
 
-from compare.blocks import in_blocks
 from compare.engine import EngineForces, Progress
-from sixsps.formulations import kane
+from sixsps.formulations import inverse_dynamics
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
 
@@ -28,4 +27,4 @@ class Kane:
 
     def inverse_dynamics(self, motion: Motion, progress: Progress) -> EngineForces:
         """Returns the leg forces along a motion; see `Engine`."""
-        return in_blocks(kane.inverse_dynamics, self._mechanism, motion, progress)
+        return EngineForces(inverse_dynamics(self._mechanism, motion, "kane", progress))

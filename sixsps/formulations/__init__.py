@@ -5,7 +5,10 @@ Each module has `inverse_dynamics(mechanism, motion) -> (n, 6)` leg forces [N].
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib import import_module
+
+import numpy as np
 
 from sixsps.arrays import Array
 from sixsps.errors import UnknownNameError
@@ -15,13 +18,23 @@ from sixsps.motion import Motion
 FORMULATIONS = {"kane": "sixsps.formulations.kane", "casadi": "sixsps.formulations.casadi"}
 
 
-def inverse_dynamics(mechanism: Mechanism, motion: Motion, formulation: str = "kane") -> Array:
+# A formulation needs some kilobytes a sample while it works; blocks keep that in the cache.
+_BLOCK = 1024
+
+
+def inverse_dynamics(
+    mechanism: Mechanism,
+    motion: Motion,
+    formulation: str = "kane",
+    progress: Callable[[int], None] = lambda _done: None,
+) -> Array:
     """Returns the six leg forces along a motion.
 
     Args:
         mechanism: geometry and inertia.
         motion: n samples of pose, twist, acceleration and external wrench.
         formulation: a name of `FORMULATIONS`.
+        progress: called with the number of samples done so far.
 
     Returns:
         (n, 6) leg forces [N], positive when the actuator pushes (extends the leg); a row of NaN
@@ -32,5 +45,10 @@ def inverse_dynamics(mechanism: Mechanism, motion: Motion, formulation: str = "k
     """
     if formulation not in FORMULATIONS:
         raise UnknownNameError("formulation", formulation, ", ".join(FORMULATIONS))
-    forces: Array = import_module(FORMULATIONS[formulation]).inverse_dynamics(mechanism, motion)
+    of_block = import_module(FORMULATIONS[formulation]).inverse_dynamics
+    forces = np.empty((len(motion), 6))
+    for start in range(0, len(motion), _BLOCK):
+        block = slice(start, start + _BLOCK)
+        forces[block] = of_block(mechanism, motion[block])
+        progress(min(start + _BLOCK, len(motion)))
     return forces
