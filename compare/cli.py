@@ -15,7 +15,7 @@ from typing import Annotated, Any
 
 import typer
 
-from sixsps.errors import InputError, SixspsError
+from sixsps.errors import InputError, SixspsError, shown
 
 app = typer.Typer(
     name="sixsps",
@@ -65,7 +65,7 @@ Engines = Annotated[
     list[str] | None,
     typer.Option("--engine", help="Engine to compare; may be repeated.", autocompletion=_complete_engine),
 ]
-Samples = Annotated[int | None, typer.Option(min=2, help="Samples of a bundled motion.")]
+Samples = Annotated[int | None, typer.Option(help="Samples of a bundled motion, at least 2.")]
 Cutoff = Annotated[
     float | None,
     typer.Option(help="Corner frequency of the smoothing of a recorded motion [Hz]; else from the data."),
@@ -82,10 +82,8 @@ def compare(
     motion: MotionName = "line",
     engine: Engines = None,
     output: Annotated[Path, typer.Option(help="Folder for report and results.")] = Path("report"),
-    tolerance: Annotated[
-        float | None, typer.Option(min=0, help="Relative error allowed to every engine.")
-    ] = None,
-    time_limit: Annotated[float | None, typer.Option(min=0.001, help="Seconds an engine may take.")] = None,
+    tolerance: Annotated[float | None, typer.Option(help="Relative error allowed to every engine.")] = None,
+    time_limit: Annotated[float | None, typer.Option(help="Seconds an engine may take.")] = None,
     samples: Samples = None,
     cutoff: Cutoff = None,
     fit: Fit = False,
@@ -94,14 +92,17 @@ def compare(
     from compare import figures
     from compare import results as files
     from compare.comparison import compare as run_comparison
-    from compare.inputs import load_motion
+    from compare.inputs import check_range, load_motion
     from compare.progress import watching
     from compare.registry import ENGINES, check_names
     from compare.report import answer, markdown, terminal
+    from compare.runner import LONGEST_LIMIT_S
     from sixsps.files import output_folder, write_atomically
     from sixsps.mechanism import Mechanism
 
     check_names(engine or [])
+    check_range("--tolerance", tolerance, 0.0, 1.0)
+    check_range("--time-limit", time_limit, 0.001, LONGEST_LIMIT_S)
     machine = Mechanism.load(mechanism)
     path = load_motion(motion, machine, samples=samples, cutoff=cutoff, fit=fit)
     folder = output_folder(output)
@@ -142,7 +143,7 @@ def forces(
     from compare.registry import check_names
     from compare.single import engine_forces
     from sixsps.mechanism import Mechanism
-    from sixsps.motion_file import check_table_suffix, write_table
+    from sixsps.tables import check_table_suffix, write_table
 
     check_names([engine])
     check_table_suffix(output)
@@ -170,7 +171,7 @@ def ik(
     from compare.inputs import load_motion
     from sixsps.kinematics import inverse_kinematics
     from sixsps.mechanism import Mechanism
-    from sixsps.motion_file import check_table_suffix, write_table
+    from sixsps.tables import check_table_suffix, write_table
 
     check_table_suffix(output)
     machine = Mechanism.load(mechanism)
@@ -200,7 +201,7 @@ def export(
     from urdf.export import export_mjcf, export_urdf
 
     machine = Mechanism.load(mechanism)
-    written = (export_urdf if format is Format.urdf else export_mjcf)(machine, output)
+    written = (export_urdf if format is Format.urdf else export_mjcf)(machine, output, Path(mechanism))
     for path in written:
         typer.echo(str(path))
 
@@ -235,6 +236,12 @@ def main() -> None:
     sys.exit(_status(lambda: app(standalone_mode=False)))
 
 
+def _value_at_fault(error: Exception) -> str:
+    """Returns the value that typer's message about a bad option leaves out."""
+    details: list[Any] = getattr(error.__cause__, "errors", list)()
+    return f": {shown(details[0]['input'])}" if details else ""
+
+
 def _status(command: Callable[[], Any]) -> int:
     try:
         return int(command() or 0)
@@ -245,7 +252,7 @@ def _status(command: Callable[[], Any]) -> int:
         _warn([str(error)])
         return 1
     except _UsageError as error:
-        message = " ".join(error.format_message().split()).rstrip(".")
+        message = " ".join(error.format_message().split()).rstrip(".") + _value_at_fault(error)
         _warn([f"{message}; see --help"])
         return 2
     except typer.Exit as stop:

@@ -4,10 +4,20 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sixsps.errors import MotionError
+from sixsps.errors import InputError, MotionError
+from sixsps.files import exists
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
 from sixsps.trajectories import bundled, bundled_motions, fitted
+
+# A gigabyte of motion; longer ones come from files.
+_MOST_SAMPLES = 5_000_000
+
+
+def check_range(option: str, value: float | None, low: float, high: float) -> None:
+    """Raises InputError for an option that is given and not a number from `low` to `high`."""
+    if value is not None and not low <= value <= high:
+        raise InputError(option, value, f"{low:g} to {high:g}")
 
 
 def load_motion(
@@ -30,11 +40,15 @@ def load_motion(
     Raises:
         MotionError: no such name or file, or a file that cannot be read.
     """
+    check_range("--samples", samples, 2, _MOST_SAMPLES)
     if name_or_path in bundled_motions():
+        for option, value in (("--cutoff", cutoff), ("--fit", fit or None)):
+            if value is not None:
+                raise MotionError(option, value, "only with a motion file", name_or_path)
         sizes = {} if samples is None else {"samples": samples}
         return bundled(name_or_path, mechanism, **sizes)
     path = Path(name_or_path)
-    if not path.exists() and path.suffix not in (".csv", ".parquet"):
+    if not exists(path) and path.suffix not in (".csv", ".parquet"):
         allowed = f"a CSV or Parquet file, or one of {', '.join(bundled_motions())}"
         raise MotionError("motion", "no such file or bundled name", allowed, name_or_path)
     if samples is not None:

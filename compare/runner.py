@@ -26,6 +26,7 @@ from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
 
 START_LIMIT_S = 60.0
+LONGEST_LIMIT_S = 1e6
 _BASE_LIMIT_S, _LIMIT_PER_SAMPLE_S = 120.0, 0.01
 _POLL_S = 0.01
 _SLOW_START_S = 10.0

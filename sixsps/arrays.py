@@ -11,6 +11,9 @@ from sixsps.errors import InputError
 
 Array = NDArray[np.float64]
 
+# No length, mass or time of a hexapod comes near, and products of several stay finite.
+LARGEST = 1e50
+
 
 def frozen(
     value: ArrayLike, shape: Sequence[int | None], place: str, error: Callable[..., InputError]
@@ -26,6 +29,8 @@ def frozen(
     Raises:
         InputError: as `error`, when the shape is another or an entry is not a finite number.
     """
+    if isinstance(value, (str, bytes, bool)):
+        raise error(place, value, "a number" if not shape else "numbers")
     wanted = "(" + ", ".join("n" if size is None else str(size) for size in shape) + ")"
     try:
         array = np.array(value, dtype=np.float64)
@@ -36,8 +41,10 @@ def frozen(
     )
     if not fits:
         raise error(place, f"shape {array.shape}", f"shape {wanted}")
-    if not np.isfinite(array).all():
-        index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise error(f"{place}{list(index)}", float(array[index]), "finite numbers")
+    usable = np.abs(array) <= LARGEST
+    if not usable.all():
+        index = tuple(int(i) for i in np.argwhere(~usable)[0])
+        where = f"{place}{list(index)}" if index else place
+        raise error(where, float(array[index]), f"finite numbers up to {LARGEST:g}")
     array.setflags(write=False)
     return array

@@ -57,24 +57,22 @@ def differentiate(
         cutoff: corner frequency of the smoothing [Hz]; chosen from the data by default.
 
     Raises:
-        MotionError: fewer than six samples, or a cutoff that is not positive.
+        MotionError: fewer than six samples, or a cutoff that they cannot resolve.
     """
     if len(time) < FEWEST_SAMPLES:
         allowed = f"at least {FEWEST_SAMPLES} samples, or twist and acceleration columns"
         raise MotionError("rows", f"{len(time)} samples without derivatives", allowed)
-    if cutoff is not None and not (np.isfinite(cutoff) and cutoff > 0):
-        raise MotionError("cutoff", cutoff, "a finite frequency > 0 [Hz]")
-    elapsed = time - time[0]
-    translation = fit(elapsed, position, cutoff)
+    translation = fit(time, position, cutoff)
     continuous = _sign_continuous(quaternion)
-    turning = fit(elapsed, continuous, cutoff)
-    curve = [turning.spline(elapsed, order) for order in range(3)]
+    turning = fit(time, continuous, cutoff)
+    curve = [turning(time, order) for order in range(3)]
     unit, omega, epsilon = _angular_motion(*curve)
-    deviation = 2 * np.arccos(np.clip(np.abs(np.sum(unit * continuous, axis=1)), 0, 1))
+    chord = np.linalg.norm(unit - continuous, axis=1)
+    deviation = 4 * np.arcsin(np.minimum(chord / 2, 1))
     return Derivatives(
-        translation.spline(elapsed, 1),
+        translation(time, 1),
         omega,
-        translation.spline(elapsed, 2),
+        translation(time, 2),
         epsilon,
         translation.cutoff,
         turning.cutoff,
@@ -94,6 +92,8 @@ def complete(arrays: dict[str, Array], cutoff: float | None, name: str) -> Motio
     Raises:
         MotionError: as `Motion`, or too few samples to differentiate.
     """
+    if cutoff is not None and not (np.isfinite(cutoff) and cutoff > 0):
+        raise MotionError("cutoff", cutoff, "a finite frequency > 0 [Hz]")
     missing = [field for field in _DERIVATIVES if field not in arrays]
     estimated: dict[str, str] = {}
     if missing:

@@ -5,11 +5,16 @@ from __future__ import annotations
 _SHOWN_CHARACTERS = 60
 
 
+def printable(text: str) -> str:
+    """Returns `text` as one line, with escapes for what a terminal would not just show."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
 def shown(value: object) -> str:
     """Returns `value` as one short printable line, fit for an error message."""
-    text = value if isinstance(value, str) and value.isprintable() else repr(value)
-    text = " ".join(text.split())
-    text = text.encode("ascii", "backslashreplace").decode() if not text.isprintable() else text
+    text = printable(value if isinstance(value, str) else " ".join(repr(value).split()))
     return text if len(text) <= _SHOWN_CHARACTERS else text[: _SHOWN_CHARACTERS - 3] + "..."
 
 
@@ -36,7 +41,7 @@ class InputError(SixspsError):
 
     def __str__(self) -> str:
         where = f"{self.source}: " if self.source else ""
-        return f"{where}{self.place}: {shown(self.value)}; allowed: {self.allowed}"
+        return printable(f"{where}{self.place}: {shown(self.value)}; allowed: {self.allowed}")
 
 
 class MechanismError(InputError):

@@ -11,13 +11,21 @@ from pathlib import Path
 from sixsps.errors import InputError, OutputError
 
 
+def exists(path: Path) -> bool:
+    """Returns whether `path` is there; a name that no file can have is not."""
+    try:
+        return path.exists()
+    except (OSError, ValueError):
+        return False
+
+
 def check_readable(path: Path, place: str, error: Callable[..., InputError]) -> None:
     """Raises `error` unless `path` is a readable, non-empty file."""
     source = str(path)
+    if not exists(path):
+        raise error(place, "no such file", "an existing file", source)
     if path.is_dir():
         raise error(place, "a directory", "a file", source)
-    if not path.exists():
-        raise error(place, "no such file", "an existing file", source)
     if not os.access(path, os.R_OK):
         raise error(place, "permission denied", "a readable file", source)
     if path.is_file() and path.stat().st_size == 0:
@@ -54,22 +62,22 @@ def write_atomically(path: Path) -> Iterator[Path]:
         OutputError: the folder does not exist or cannot be written.
     """
     source = str(path)
-    if path.is_dir():
+    if exists(path) and path.is_dir():
         raise OutputError("output", "a directory", "a file name", source)
-    if not path.parent.is_dir():
+    if not (exists(path.parent) and path.parent.is_dir()):
         raise OutputError("output", "its folder does not exist", "a file in an existing folder", source)
     try:
         handle, name = tempfile.mkstemp(prefix=f".{path.name[:40]}.", suffix=path.suffix, dir=path.parent)
-    except OSError as error:
-        raise OutputError("output", error.strerror, "a writable folder", source) from None
+    except (OSError, ValueError) as error:
+        raise OutputError("output", _reason(error), "a writable folder", source) from None
     os.close(handle)
     temporary = Path(name)
     try:
         yield temporary
         temporary.chmod(0o666 & ~_umask())
         temporary.replace(path)
-    except OSError as error:
-        raise OutputError("output", error.strerror, "a writable file", source) from None
+    except (OSError, ValueError) as error:
+        raise OutputError("output", _reason(error), "a writable file", source) from None
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -87,14 +95,18 @@ def output_folder(path: Path) -> Path:
         OutputError: its parent does not exist, it is a file, or it cannot be written.
     """
     source = str(path)
-    if path.exists() and not path.is_dir():
+    if exists(path) and not path.is_dir():
         raise OutputError("output", "a file", "a folder", source)
-    if not path.exists() and not path.parent.is_dir():
+    if not exists(path) and not (exists(path.parent) and path.parent.is_dir()):
         raise OutputError("output", "its parent folder does not exist", "a folder in an existing one", source)
     try:
         path.mkdir(exist_ok=True)
         with tempfile.TemporaryFile(dir=path):
             pass
-    except OSError as error:
-        raise OutputError("output", error.strerror, "a writable folder", source) from None
+    except (OSError, ValueError) as error:
+        raise OutputError("output", _reason(error), "a writable folder", source) from None
     return path
+
+
+def _reason(error: OSError | ValueError) -> str:
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from sixsps.arrays import Array, frozen
+from sixsps.arrays import LARGEST, Array, frozen
 from sixsps.errors import MechanismError
 from sixsps.singularity import SINGULAR_CONDITION, condition_numbers
 
@@ -22,12 +22,17 @@ _LONGEST_NAME = 200
 _TRIANGLE_ROUNDING = 1e-9
 
 
-def _positive(value: float, place: str, unit: str) -> float:
+def _positive(value: float, place: str, unit: str) -> None:
+    _number(value, place, unit)
+    if not value > 0:
+        raise MechanismError(place, value, f"finite and > 0 [{unit}]")
+
+
+def _number(value: float, place: str, unit: str) -> None:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise MechanismError(place, value, f"a number [{unit}]")
-    if not (math.isfinite(value) and value > 0):
-        raise MechanismError(place, value, f"finite and > 0 [{unit}]")
-    return float(value)
+    if not abs(value) <= LARGEST:
+        raise MechanismError(place, value, f"a finite number [{unit}]")
 
 
 @dataclass(frozen=True)
@@ -56,7 +61,7 @@ class Link:
     def __post_init__(self) -> None:
         _positive(self.mass, "mass", "kg")
         _positive(self.length, "length", "m")
-        frozen(self.com, (), "com", MechanismError)
+        _number(self.com, "com", "m")
         _positive(self.transverse, "inertia.transverse", "kg m^2")
         _positive(self.axial, "inertia.axial", "kg m^2")
         if self.axial > 2 * self.transverse * (1 + _TRIANGLE_ROUNDING):
@@ -90,8 +95,8 @@ class Leg:
     Attributes:
         lower: the cylinder, turning about A.
         upper: the rod, turning about B.
-        length_limits: shortest and longest distance A to B [m]; never changes a number, only
-            flags samples outside.
+        length_limits: shortest and longest distance A to B [m], by default what the lengths of the
+            links allow; never changes a number, only flags samples outside.
 
     Raises:
         MechanismError: the limits are not 0 <= shortest < longest.
@@ -99,15 +104,16 @@ class Leg:
 
     lower: Link
     upper: Link
-    length_limits: tuple[float, float] = (math.nan, math.nan)
+    length_limits: tuple[float, float] = None  # type: ignore[assignment]  # a pair once constructed
 
     def __post_init__(self) -> None:
-        if all(isinstance(limit, float) and math.isnan(limit) for limit in self.length_limits):
-            retracted = max(self.lower.length, self.upper.length)
-            object.__setattr__(self, "length_limits", (retracted, self.lower.length + self.upper.length))
-        low, high = frozen(self.length_limits, (2,), "length_limits", MechanismError)
+        given = self.length_limits
+        if given is None:
+            given = (max(self.lower.length, self.upper.length), self.lower.length + self.upper.length)
+        low, high = (float(limit) for limit in frozen(given, (2,), "length_limits", MechanismError))
         if not 0 <= low < high:
-            raise MechanismError("length_limits", list(self.length_limits), "0 <= shortest < longest [m]")
+            raise MechanismError("length_limits", [low, high], "0 <= shortest < longest [m]")
+        object.__setattr__(self, "length_limits", (low, high))
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +163,8 @@ class Links:
     def stack(cls, links: Sequence[Link]) -> Links:
         """Returns the fields of `links` as arrays."""
         names = ("mass", "length", "com", "transverse", "axial")
-        return cls(*(np.array([getattr(link, name) for link in links]) for name in names))
+        columns = ([getattr(link, name) for link in links] for name in names)
+        return cls(*(frozen(column, (len(links),), "links", MechanismError) for column in columns))
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,7 +245,8 @@ class Mechanism:
     @cached_property
     def length_limits(self) -> Array:
         """(6, 2) shortest and longest leg lengths [m]."""
-        return np.array([leg.length_limits for leg in self.legs], dtype=np.float64)
+        limits = [leg.length_limits for leg in self.legs]
+        return frozen(limits, (6, 2), "length_limits", MechanismError)
 
     @cached_property
     def characteristic_length(self) -> float:
@@ -322,8 +330,8 @@ def _check_regular_somewhere(mechanism: Mechanism) -> None:
         if counts.max() > 1:
             found = f"{counts.max()} anchors coincide and every pose is singular"
             raise MechanismError(place, found, "at most three coincident anchors, each leg its own pair")
-    found = "every pose is singular"
-    raise MechanismError("anchors", found, "anchors not on one line, base not similar to platform")
+    found = "with these platform anchors every pose is singular"
+    raise MechanismError("base.anchors", found, "anchors not on one line, base not similar to platform")
 
 
 def _best_condition(mechanism: Mechanism, length: float) -> float:

@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import yaml
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError
 
 from sixsps.errors import MechanismError
-from sixsps.files import read_bytes, write_atomically
+from sixsps.files import exists, read_bytes, write_atomically
 from sixsps.mechanism import Leg, Link, Mechanism, Platform
-from sixsps.yaml_reader import Document, read_document
+from sixsps.yaml_reader import Document, read_document, write_document
 
 # The largest bundled file has 2 kB; a mechanism has about 200 numbers however it is laid out.
 _LARGEST_FILE = 256 * 1024
@@ -104,7 +103,7 @@ def load(name_or_path: str | Path) -> Mechanism:
         content = (_data() / f"{name_or_path}.yaml").read_bytes()
         return parse(content, f"{name_or_path}.yaml")
     path = Path(name_or_path)
-    if not path.exists() and path.suffix not in (".yaml", ".yml"):
+    if not exists(path) and path.suffix not in (".yaml", ".yml"):
         allowed = f"a YAML file or one of {', '.join(bundled_mechanisms())}"
         raise MechanismError("mechanism", "no such file or bundled name", allowed, str(path))
     return parse(read_bytes(path, "mechanism", MechanismError, _LARGEST_FILE), str(path))
@@ -126,7 +125,8 @@ def parse(content: bytes, source: str) -> Mechanism:
     except ValidationError as error:
         raise _explained(error, document) from None
     except MechanismError as error:
-        raise MechanismError(error.place, error.value, error.allowed, document.locate(error.place)) from None
+        path = tuple(error.place.replace("[", ".").replace("]", "").replace(", ", ".").split("."))
+        raise MechanismError(error.place, error.value, error.allowed, document.locate(path)) from None
 
 
 def save(mechanism: Mechanism, path: Path) -> None:
@@ -135,9 +135,7 @@ def save(mechanism: Mechanism, path: Path) -> None:
     Raises:
         OutputError: `path` cannot be written.
     """
-    text = yaml.safe_dump(
-        mechanism.to_mapping(), sort_keys=False, default_flow_style=None, allow_unicode=True, width=100
-    )
+    text = write_document(mechanism.to_mapping())
     with write_atomically(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
@@ -213,7 +211,9 @@ _ALLOWED = {
 
 def _explained(error: ValidationError, document: Document) -> MechanismError:
     detail = error.errors(include_url=False)[0]
-    path = [part for part in detail["loc"] if part not in ("shared", "each")]
+    path = list(detail["loc"])
+    if path[:1] == ["legs"] and path[1:2] in (["shared"], ["each"]):
+        del path[1]  # which of the two shapes of legs, no key of the file
     place = ".".join(str(part) for part in path) or "the file"
     kind, value = detail["type"], detail["input"]
     allowed = _ALLOWED.get(kind, detail["msg"])
@@ -225,7 +225,7 @@ def _explained(error: ValidationError, document: Document) -> MechanismError:
         context: dict[str, Any] = detail["ctx"]
         value = f"{context['actual_length']} entries"
         allowed = f"{context.get('min_length', context.get('max_length'))} entries"
-    return MechanismError(place, value, allowed, document.locate(place))
+    return MechanismError(place, value, allowed, document.locate(tuple(map(str, path))))
 
 
 def _known_keys(path: list[int | str]) -> str:

@@ -119,11 +119,13 @@ class Motion:
         """
         from sixsps.differentiation import complete
 
-        columns = {"time": time, "position": position, "quaternion": quaternion}
-        columns |= {"force": force, "moment": moment}
-        arrays = {
-            key: np.asarray(value, dtype=np.float64) for key, value in columns.items() if value is not None
-        }
+        given = {"quaternion": (quaternion, 4), "force": (force, 3), "moment": (moment, 3)}
+        arrays = {"time": frozen(time, (None,), "time", MotionError)}
+        n = len(arrays["time"])
+        arrays["position"] = frozen(position, (n, 3), "position", MotionError)
+        for key, (value, width) in given.items():
+            if value is not None:
+                arrays[key] = frozen(value, (n, width), key, MotionError)
         return complete(arrays, cutoff, name)
 
     def save(self, path: str | Path) -> None:

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from sixsps.arrays import Array
-from sixsps.errors import UnknownNameError
+from sixsps.errors import MotionError, UnknownNameError
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
 from sixsps.rotation import euler_motion
@@ -20,6 +20,7 @@ SAMPLES = 2001
 # The paper's external force on the platform [N]; the bundled motions all carry it.
 PAPER_FORCE = (80.0, -50.0, -100.0)
 _MARGIN = 0.9
+_MOST_ENLARGED = 10.0
 
 
 def line(
@@ -205,7 +206,8 @@ def home_position(mechanism: Mechanism) -> Array:
     """Returns the position above the base at which the legs are on average at mid-stroke.
 
     The platform keeps its orientation, its anchors' centroid straight above the base anchors'
-    centroid, "above" being the normal of the base that points against gravity.
+    centroid, "above" being the normal of the base that points against gravity. Where the legs are too
+    short for that at any height, half their middle length serves as the height.
 
     Returns:
         (3,) platform origin, world frame [m].
@@ -229,23 +231,30 @@ def home_position(mechanism: Mechanism) -> Array:
 def fitted(motion: Motion, mechanism: Mechanism) -> Motion:
     """Returns the motion shifted to the mechanism's home and its translation scaled to the strokes.
 
-    The orientation stays as it is; the translation from the mean pose is scaled, with its
-    derivatives, so that by the triangle inequality no leg can use more than nine tenths of what
-    its limits leave it.
+    The orientation stays as it is. The translation from the middle of its range is scaled, with its
+    derivatives, so that by the triangle inequality no leg uses more than nine tenths of what the
+    limits and the orientation leave it, but enlarged tenfold at most: less is noise.
 
     Args:
         motion: any motion, in particular a recorded one relative to some other frame.
         mechanism: what it shall move.
+
+    Raises:
+        MotionError: the orientation alone takes a leg beyond its limits.
     """
     home = home_position(mechanism)
     A, b = mechanism.base_anchors, mechanism.platform_anchors
     lengths = np.linalg.norm(home + b - A, axis=1)
     limits = mechanism.length_limits
     turned = np.linalg.norm(np.einsum("nij,kj->nki", motion.rotation, b) - b, axis=-1).max(axis=0)
-    room = _MARGIN * float((np.minimum(lengths - limits[:, 0], limits[:, 1] - lengths) - turned).min())
-    middle = motion.position.mean(axis=0)
+    room = np.minimum(lengths - limits[:, 0], limits[:, 1] - lengths) - turned
+    if room.min() <= 0:
+        leg = int(room.argmin())
+        found = f"moves platform joint {leg + 1} by up to {turned[leg]:.3g} m from home"
+        raise MotionError("orientation", found, f"less than {room[leg] + turned[leg]:.3g} m")
+    middle = (motion.position.min(axis=0) + motion.position.max(axis=0)) / 2
     reach = float(np.linalg.norm(motion.position - middle, axis=1).max())
-    scale = room / reach if room > 0 and reach > 0 else 1.0
+    scale = min(_MARGIN * float(room.min()) / reach, _MOST_ENLARGED) if reach > 0 else 1.0
     return Motion(
         time=motion.time,
         position=home + scale * (motion.position - middle),

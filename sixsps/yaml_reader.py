@@ -1,4 +1,4 @@
-"""YAML as data: YAML 1.2 scalars, unique keys, bounded size, and the line of every key."""
+"""YAML as plain data: YAML 1.2 scalars, no tags, unique keys, bounded size, a line for every key."""
 
 from __future__ import annotations
 
@@ -20,20 +20,31 @@ class _Loader(yaml.SafeLoader):
     yaml_implicit_resolvers = {}  # noqa: RUF012  filled below
 
 
-_INTEGER = re.compile(r"[-+]?[0-9]+$")
-_FLOAT = re.compile(
-    r"(?:[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?"
-    r"|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$"
-)
-_Loader.add_implicit_resolver("tag:yaml.org,2002:bool", re.compile(r"(?:true|false)$"), list("tf"))
-_Loader.add_implicit_resolver("tag:yaml.org,2002:null", re.compile(r"(?:~|null|)$"), ["~", "n", ""])
-_Loader.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+.0123456789"))
-_Loader.add_implicit_resolver("tag:yaml.org,2002:merge", re.compile(r"<<$"), ["<"])
+class _Dumper(yaml.SafeDumper):
+    """SafeDumper that quotes the text that `_Loader` would take for something else."""
+
+    yaml_implicit_resolvers = {}  # noqa: RUF012  filled below
+
+
+_SCALARS = {
+    "bool": re.compile(r"(?:true|false)$"),
+    "null": re.compile(r"(?:~|null|)$"),
+    "float": re.compile(
+        r"(?:[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?"
+        r"|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$"
+    ),
+    "merge": re.compile(r"<<$"),
+}
+_TEXT, _MERGE = "tag:yaml.org,2002:str", "tag:yaml.org,2002:merge"
+_FIRST = {"bool": "tf", "null": ["~", "n", ""], "float": "-+.0123456789", "merge": "<"}
+for _kind, _pattern in _SCALARS.items():
+    for _class in (_Loader, _Dumper):
+        _class.add_implicit_resolver(f"tag:yaml.org,2002:{_kind}", _pattern, list(_FIRST[_kind]))
 
 
 def _number(loader: _Loader, node: yaml.ScalarNode) -> float:
-    text = loader.construct_scalar(node)
-    return float(text.replace(".inf", "inf").replace(".nan", "nan")) if text[-1:].isalpha() else float(text)
+    text = loader.construct_scalar(node).lower()
+    return float(text.replace(".inf", "inf").replace(".nan", "nan"))
 
 
 @dataclass(frozen=True)
@@ -42,17 +53,21 @@ class Document:
 
     source: str
     content: Any
-    lines: dict[str, int]
+    lines: dict[tuple[str, ...], int]
 
-    def locate(self, place: str) -> str:
-        """Returns `source:line` of a dotted key path, or of its nearest parent that exists."""
-        parts = place.replace("[", ".").replace("]", "").replace(", ", ".").split(".")
-        while parts:
-            line = self.lines.get(".".join(parts))
-            if line is not None:
-                return f"{self.source}:{line}"
-            parts.pop()
+    def locate(self, path: tuple[str, ...]) -> str:
+        """Returns `source:line` of a key path, or of its nearest parent that exists."""
+        while path:
+            if path in self.lines:
+                return f"{self.source}:{self.lines[path]}"
+            path = path[:-1]
         return self.source
+
+
+def write_document(content: Any) -> str:
+    """Returns the YAML text of plain data, such that `read_document` gives it back."""
+    text: str = yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=100)
+    return text
 
 
 def read_document(content: bytes, source: str) -> Document:
@@ -78,13 +93,15 @@ def read_document(content: bytes, source: str) -> Document:
         if node is None:
             raise MechanismError("the file", "empty", "a mapping of keys", source)
         _refuse_expansion(node, source)
-        lines: dict[str, int] = {}
-        _index(node, "", lines, source)
+        lines: dict[tuple[str, ...], int] = {}
+        _index(node, (), lines, source)
         return Document(source, loader.construct_document(node), lines)
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 0
         problem = error.problem or "cannot be parsed"
         raise MechanismError(f"line {line}", problem, "YAML without object tags", source) from None
+    except (ValueError, OverflowError) as error:  # an escape that is no character
+        raise MechanismError("the file", str(error), "Unicode text", source) from None
     except RecursionError:
         raise MechanismError("the file", "nested too deeply", "a mapping of keys", source) from None
     finally:
@@ -115,23 +132,38 @@ def _refuse_expansion(root: yaml.Node, source: str) -> None:
         raise MechanismError("the file", f"{size(root)} entries", allowed, source)
 
 
-def _index(node: yaml.Node, place: str, lines: dict[str, int], source: str) -> None:
+def _index(node: yaml.Node, path: tuple[str, ...], lines: dict[tuple[str, ...], int], source: str) -> None:
+    _refuse_tag(node, path, source)
     if isinstance(node, yaml.MappingNode):
-        seen: set[str] = set()
+        own: set[str] = set()
         for key, value in node.value:
-            name = str(key.value)
-            path = f"{place}.{name}" if place else name
-            if name in seen:
-                line = key.start_mark.line + 1
-                raise MechanismError(path, "repeated key", "each key once", f"{source}:{line}")
-            seen.add(name)
-            lines[path] = key.start_mark.line + 1
-            _index(value, path, lines, source)
+            name, line = str(key.value), key.start_mark.line + 1
+            inner = (*path, name)
+            if name in own:
+                raise MechanismError(".".join(inner), "repeated key", "each key once", f"{source}:{line}")
+            own.add(name)
+            lines[inner] = line
+            _refuse_tag(key, inner, source)
+            if key.tag not in (_TEXT, _MERGE):
+                raise MechanismError(".".join(inner), "no text", "keys that are text", f"{source}:{line}")
+            _index(value, inner, lines, source)
     elif isinstance(node, yaml.SequenceNode):
         for index, value in enumerate(node.value):
-            path = f"{place}.{index}" if place else str(index)
-            lines[path] = value.start_mark.line + 1
-            _index(value, path, lines, source)
+            inner = (*path, str(index))
+            lines[inner] = value.start_mark.line + 1
+            _index(value, inner, lines, source)
+
+
+def _refuse_tag(node: yaml.Node, path: tuple[str, ...], source: str) -> None:
+    """Raises MechanismError for a tag that this reader would not have given itself."""
+    kind = str(node.tag).removeprefix("tag:yaml.org,2002:")
+    text = node.value if isinstance(node, yaml.ScalarNode) else ""
+    pattern = _SCALARS.get(kind)
+    if kind in ("str", "map", "seq") or (pattern and pattern.match(text)):
+        return
+    where = f"{source}:{node.start_mark.line + 1}"
+    found = f"{node.tag} {text}".strip()
+    raise MechanismError(".".join(path) or "the file", found, "YAML without object tags", where)
 
 
 _Loader.add_constructor("tag:yaml.org,2002:float", _number)

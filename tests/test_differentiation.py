@@ -136,6 +136,23 @@ def test_reported_rotation_noise_holds_for_tiny_noise_too(size):
     assert found.rotation_noise == pytest.approx(size, rel=0.01, abs=0)
 
 
+def test_estimates_are_derivatives_of_one_another():
+    # A turn of 1.5 rad to and fro at the corner of the filter: its quaternions are averaged well inside
+    # the sphere, nearer or farther at every instant, and the way back to the sphere has to be in epsilon.
+    time = times(4000, 1000.0, jitter=0.0)
+    motion = sinusoids(time, [0.0] * 6, [0.1, 0, 0, 1.5, 0.8, 0.4], [2.0, 1.0, 1.0, 2.0, 1.0, 0.5])
+    found = differentiate(time, motion.position, motion.quaternion, 2.0)
+    for rate, acceleration in (
+        (found.velocity, found.acceleration),
+        (found.angular_velocity, found.angular_acceleration),
+    ):
+        # Fourth-order differences of a curve whose fourth derivative has corners at the knots, 25 ms apart.
+        difference = (rate[:-4] - 8 * rate[1:-3] + 8 * rate[3:-1] - rate[4:]) / 12e-3
+        np.testing.assert_allclose(
+            difference, acceleration[2:-2], rtol=0, atol=1e-6 * np.abs(acceleration).max()
+        )
+
+
 @settings(max_examples=20)
 @given(seed=st.integers(0, 10**6))
 def test_the_estimate_turns_with_the_world_and_not_with_the_platform(seed):

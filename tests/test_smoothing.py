@@ -57,7 +57,7 @@ def interior(time, margin=1.0):
 
 def acceleration_error(result, time, signal):
     inside = interior(time)
-    error = result.spline(time[inside], 2) - signal(time[inside], 2)[:, None]
+    error = result(time[inside], 2) - signal(time[inside], 2)[:, None]
     return float(np.sqrt(np.mean(error**2)))
 
 
@@ -92,7 +92,7 @@ def test_even_samples_get_the_exact_natural_smoothing_spline(samples, cutoff_per
     cutoff = 20.0 * cutoff_per_rate
     # Here the exact minimiser has its knots where `fit` has them; at 0.05 they are just as close.
     exact = natural_smoothing_spline(time, data, cutoff)
-    np.testing.assert_allclose(fit(time, data, cutoff).spline(time), exact, rtol=0, atol=CONDITION * EPS)
+    np.testing.assert_allclose(fit(time, data, cutoff)(time), exact, rtol=0, atol=CONDITION * EPS)
 
 
 @pytest.mark.parametrize("samples", [6, 20, 80])
@@ -102,14 +102,14 @@ def test_uneven_samples_get_the_natural_smoothing_spline_too(samples):
     exact = natural_smoothing_spline(time, data, 1.0)
     # Even knots draw what the filter lets through of the noise, the less above the cutoff the better: at
     # half the knots' rate that is (1/10)^6 of 0.1.
-    np.testing.assert_allclose(fit(time, data, 1.0).spline(time), exact, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(fit(time, data, 1.0)(time), exact, rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize("cutoff_cycles", [0.3, 1, 5, 25, 100])
-@pytest.mark.parametrize("samples", [6, 200, 2000])
+@pytest.mark.parametrize(
+    ("samples", "cutoff_cycles"),
+    [(6, 0.3), (6, 1), (6, 2.5)] + [(n, cycles) for n in (200, 2000) for cycles in (0.3, 1, 5, 25, 90)],
+)
 def test_quadratics_pass_unsmoothed(samples, cutoff_cycles):
-    if cutoff_cycles > samples / 2:
-        pytest.skip("above half the sampling rate")
     time = jittered_times(samples, 5, rate=samples)
     duration = time[-1]
     cutoff = cutoff_cycles / duration
@@ -117,7 +117,7 @@ def test_quadratics_pass_unsmoothed(samples, cutoff_cycles):
     data = np.column_stack([3 - 2 * tau + 5 * tau**2, 4 * tau - 1, np.full(samples, -2.0)])
     slopes = np.column_stack([-2 + 10 * tau, np.full(samples, 4.0), np.zeros(samples)]) / duration
     curvature = np.array([10.0, 0.0, 0.0]) / duration**2
-    spline = fit(time, data, cutoff).spline
+    spline = fit(time, data, cutoff)
     # Rounding of the values, 6 at most, at the knots' frequency when it is differentiated.
     rounding = 6 * CONDITION * EPS * 10
     pulsation = 2 * np.pi * max(cutoff, 1 / duration)
@@ -134,7 +134,7 @@ def test_cutoff_is_the_corner_of_the_stated_filter(rate, cutoff, ratio):
     time = even_times(int(60 * rate / cutoff), rate)
     angle = 2 * np.pi * ratio * cutoff * time
     waves = np.column_stack([np.sin(angle), np.cos(angle)])
-    result = fit(time, waves[:, :1], cutoff).spline(time)
+    result = fit(time, waves[:, :1], cutoff)(time)
     # Ends disturb a curve over some 1 / (2 pi cutoff); 12 cycles away that is far below rounding.
     inside = interior(time, 12 / cutoff)
     (gain, shift), *_ = np.linalg.lstsq(waves[inside], result[inside, 0], rcond=None)
@@ -205,9 +205,9 @@ def test_scaling_the_samples_scales_the_curve(factor):
     same = fit(time, factor * data, free.cutoff)
     assert same.noise == pytest.approx(abs(factor) * free.noise, rel=1e-9)
     for order in range(3):
-        expected = factor * free.spline(time, order)
+        expected = factor * free(time, order)
         rounding = CONDITION * EPS * np.abs(expected).max() * 10
-        np.testing.assert_allclose(same.spline(time, order), expected, rtol=0, atol=rounding)
+        np.testing.assert_allclose(same(time, order), expected, rtol=0, atol=rounding)
 
 
 @pytest.mark.parametrize("factor", [2.0**-10, 0.7, 60.0])
@@ -218,9 +218,9 @@ def test_scaling_time_scales_the_cutoff_inversely(factor):
     assert abs(np.log(scaled.cutoff * factor / free.cutoff)) < CUTOFF_TOLERANCE
     same = fit(factor * time, data, free.cutoff / factor)
     for order in range(3):
-        expected = free.spline(time, order) / factor**order
+        expected = free(time, order) / factor**order
         rounding = CONDITION * EPS * np.abs(expected).max() * 10
-        np.testing.assert_allclose(same.spline(factor * time, order), expected, rtol=0, atol=rounding)
+        np.testing.assert_allclose(same(factor * time, order), expected, rtol=0, atol=rounding)
 
 
 def test_adding_a_quadratic_changes_nothing_but_the_quadratic():
@@ -232,7 +232,7 @@ def test_adding_a_quadratic_changes_nothing_but_the_quadratic():
     same = fit(time, data + parabola(time)[:, None], free.cutoff)
     rounding = CONDITION * EPS * np.abs(parabola(time)).max()
     for order in range(3):
-        added = same.spline(time, order) - free.spline(time, order)
+        added = same(time, order) - free(time, order)
         expected = parabola.deriv(order)(time) if order else parabola(time)
         bound = rounding * (2 * np.pi * free.cutoff) ** order
         np.testing.assert_allclose(added, np.tile(expected[:, None], 3), rtol=0, atol=bound)
@@ -245,9 +245,9 @@ def test_constant_samples_stay_constant(samples, value):
     result = fit(time, np.full((samples, 2), value))
     pulsation = 2 * np.pi * max(result.cutoff, 1 / time[-1])
     rounding = CONDITION * EPS * abs(value)
-    np.testing.assert_allclose(result.spline(time), value, rtol=0, atol=rounding)
-    np.testing.assert_allclose(result.spline(time, 1), 0, rtol=0, atol=rounding * pulsation)
-    np.testing.assert_allclose(result.spline(time, 2), 0, rtol=0, atol=rounding * pulsation**2)
+    np.testing.assert_allclose(result(time), value, rtol=0, atol=rounding)
+    np.testing.assert_allclose(result(time, 1), 0, rtol=0, atol=rounding * pulsation)
+    np.testing.assert_allclose(result(time, 2), 0, rtol=0, atol=rounding * pulsation**2)
     assert result.noise <= rounding
 
 
@@ -257,9 +257,7 @@ def test_all_columns_get_one_amount_of_smoothing():
     together = fit(time, data)
     for column in range(3):
         alone = fit(time, data[:, [column]], together.cutoff)
-        np.testing.assert_allclose(
-            alone.spline(time, 2)[:, 0], together.spline(time, 2)[:, column], rtol=0, atol=1e-9
-        )
+        np.testing.assert_allclose(alone(time, 2)[:, 0], together(time, 2)[:, column], rtol=0, atol=1e-9)
 
 
 @settings(max_examples=30)
@@ -269,20 +267,20 @@ def test_clustered_times_leave_residuals_that_no_quadratic_explains(steps, seed)
     time = np.r_[0.0, np.cumsum(10.0 ** np.array(steps))]
     data = np.random.default_rng(seed).standard_normal((len(time), 2))
     result = fit(time, data)
-    residual = data - result.spline(time)
+    residual = data - result(time)
     tau = time / time[-1]
     for power in range(3):
         np.testing.assert_allclose(tau**power @ residual, 0, rtol=0, atol=CONDITION * EPS * 10 * len(time))
     assert 0 < result.cutoff < len(time) / time[-1]
-    assert np.isfinite(result.spline(time, 2)).all()
+    assert np.isfinite(result(time, 2)).all()
 
 
 def test_six_samples_are_enough():
     assert FEWEST_SAMPLES == 6
     time = np.array([0.0, 0.1, 0.35, 0.5, 0.8, 1.0])
     cubic = (time**3 - time**2)[:, None]
-    # Far above the sampling rate, 5 Hz, nothing is smoothed: (2 pi 50)^-6 of the third derivative, 6.
-    np.testing.assert_allclose(fit(time, cubic, 50.0).spline(time), cubic, rtol=0, atol=1e-9)
+    # At half the sampling rate of 5 Hz little is smoothed, most at the free ends.
+    np.testing.assert_allclose(fit(time, cubic, 2.5)(time), cubic, rtol=0, atol=1e-3)
     free = fit(time, cubic)
     assert 0 < free.cutoff <= 2.5
     assert free.noise < np.abs(cubic).max()
@@ -295,10 +293,10 @@ def test_the_curve_is_a_function_of_the_given_times():
     near, far = fit(time, data), fit(time + 1024.0, data)
     assert far.cutoff == near.cutoff
     for order in range(3):
-        expected = near.spline(time, order)
+        expected = near(time, order)
         # Knots some 1e-2 s apart are rounded to 1e-13 s, and each derivative divides by their distance.
         slack = 1e-11 * 10.0 ** (2 * order)
-        np.testing.assert_allclose(far.spline(time + 1024.0, order), expected, rtol=0, atol=slack)
+        np.testing.assert_allclose(far(time + 1024.0, order), expected, rtol=0, atol=slack)
 
 
 @pytest.mark.parametrize("pause", [0.5, 5.0, 50.0])
@@ -308,7 +306,7 @@ def test_samples_on_both_sides_of_a_pause_are_smoothed_as_ever(pause):
     data = noisy(sines, time, 1e-3, 12)
     inside = interior(time[:1000]), interior(time[1000:])
     result = fit(time, data)
-    error = (result.spline(time, 2) - sines(time, 2)[:, None])[np.r_[inside]]
+    error = (result(time, 2) - sines(time, 2)[:, None])[np.r_[inside]]
     unbroken = even_times(2000)
     usual = acceleration_error(fit(unbroken, noisy(sines, unbroken, 1e-3, 12)), unbroken, sines)
     assert np.sqrt(np.mean(error**2)) < 1.2 * usual
@@ -322,7 +320,7 @@ def test_slow_motion_sampled_at_ten_kilohertz(noise):
     result = fit(time, data)
     truth = -((2 * np.pi) ** 2) * signal
     inside = interior(time, 0.2)
-    error = np.sqrt(np.mean((result.spline(time, 2) - truth)[inside] ** 2))
+    error = np.sqrt(np.mean((result(time, 2) - truth)[inside] ** 2))
     # White noise through filter and two derivatives; without noise, rounding at the samples' 1 ulp.
     expected = max(noise, EPS) * np.sqrt((2 * np.pi * result.cutoff) ** 5 / 10_000.0 / 18)
     assert error < 1.5 * expected + CONDITION * EPS * (2 * np.pi * 20) ** 2

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+from contextlib import ExitStack
 from pathlib import Path
 
-from sixsps.files import output_folder, write_atomically
+from sixsps.errors import OutputError
+from sixsps.files import exists, output_folder, write_atomically
 from sixsps.mechanism import Mechanism
 from urdf.closures import render_closures
 from urdf.mjcf import render_mjcf
@@ -14,13 +16,15 @@ from urdf.render import render_urdf
 _LONGEST_STEM = 60
 
 
-def export_urdf(mechanism: Mechanism, output: Path) -> list[Path]:
+def export_urdf(mechanism: Mechanism, output: Path, keep: Path | None = None) -> list[Path]:
     """Writes URDF, the loop closures beside it, and MJCF.
 
     Args:
         mechanism: geometry and inertia.
         output: folder, made where its parent exists; or the name of the URDF file, beside which
             the others are written.
+        keep: file that must not be overwritten: the mechanism's own, which may have the name of
+            the closure YAML.
 
     Returns:
         Paths of the URDF, the closure YAML and the MJCF.
@@ -34,12 +38,12 @@ def export_urdf(mechanism: Mechanism, output: Path) -> list[Path]:
         urdf.with_suffix(".yaml"): render_closures(),
         urdf.with_suffix(".xml"): render_mjcf(mechanism),
     }
-    return _write(contents)
+    return _write(contents, keep)
 
 
-def export_mjcf(mechanism: Mechanism, output: Path) -> list[Path]:
+def export_mjcf(mechanism: Mechanism, output: Path, keep: Path | None = None) -> list[Path]:
     """Writes MJCF to a folder or, where `output` ends in .xml, to that file; see `export_urdf`."""
-    return _write({_target(mechanism, output, ".xml"): render_mjcf(mechanism)})
+    return _write({_target(mechanism, output, ".xml"): render_mjcf(mechanism)}, keep)
 
 
 def file_stem(name: str) -> str:
@@ -54,8 +58,11 @@ def _target(mechanism: Mechanism, output: Path, suffix: str) -> Path:
     return output_folder(output) / (file_stem(mechanism.name) + suffix)
 
 
-def _write(contents: dict[Path, str]) -> list[Path]:
-    for path, text in contents.items():
-        with write_atomically(path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+def _write(contents: dict[Path, str], keep: Path | None) -> list[Path]:
+    """Writes all files or, where one of them cannot be written, none."""
+    with ExitStack() as stack:
+        for path, text in contents.items():
+            if keep is not None and exists(keep) and exists(path) and path.samefile(keep):
+                raise OutputError("output", "the mechanism file itself", "another name", str(path))
+            stack.enter_context(write_atomically(path)).write_text(text, encoding="utf-8")
     return list(contents)
