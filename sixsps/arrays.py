@@ -29,13 +29,14 @@ def frozen(
     Raises:
         InputError: as `error`, when the shape is another or an entry is not a finite number.
     """
-    if isinstance(value, (str, bytes, bool)):
-        raise error(place, value, "a number" if not shape else "numbers")
     wanted = "(" + ", ".join("n" if size is None else str(size) for size in shape) + ")"
     try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise error(place, value, f"numbers of shape {wanted}") from None
+        given = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        given = np.array(None)
+    if given.dtype.kind not in "iuf":
+        raise error(place, value, f"numbers of shape {wanted}" if shape else "a number")
+    array = given.astype(np.float64)
     fits = array.ndim == len(shape) and all(
         want is None or have == want for have, want in zip(array.shape, shape, strict=True)
     )

@@ -12,24 +12,29 @@ from sixsps.errors import InputError, OutputError
 
 
 def exists(path: Path) -> bool:
-    """Returns whether `path` is there; a name that no file can have is not."""
+    """Returns whether `path` is there, as far as one may look; a name that no file can have is not."""
     try:
         return path.exists()
+    except PermissionError:
+        return True
     except (OSError, ValueError):
         return False
 
 
 def check_readable(path: Path, place: str, error: Callable[..., InputError]) -> None:
-    """Raises `error` unless `path` is a readable, non-empty file."""
+    """Raises `error` unless `path` is a readable file with content."""
     source = str(path)
     if not exists(path):
         raise error(place, "no such file", "an existing file", source)
-    if path.is_dir():
-        raise error(place, "a directory", "a file", source)
-    if not os.access(path, os.R_OK):
-        raise error(place, "permission denied", "a readable file", source)
-    if path.is_file() and path.stat().st_size == 0:
-        raise error(place, "an empty file", "a file with content", source)
+    try:
+        if path.is_dir():
+            raise error(place, "a directory", "a file", source)
+        if path.is_file():  # a pipe is not to be opened twice
+            if path.stat().st_size == 0:
+                raise error(place, "an empty file", "a file with content", source)
+            path.open("rb").close()
+    except OSError as problem:
+        raise error(place, _reason(problem), "a readable file", source) from None
 
 
 def read_bytes(path: Path, place: str, error: Callable[..., InputError], largest: int) -> bytes:

@@ -8,6 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,9 @@ from sixsps.errors import MechanismError
 from sixsps.singularity import SINGULAR_CONDITION, condition_numbers
 
 _LONGEST_NAME = 200
-# Equality in the triangle inequality is a thin plate or rod; its rounded inertia may miss it by this.
-_TRIANGLE_ROUNDING = 1e-9
+# Inertia that was turned or read from a drawing may miss symmetry, and a thin plate equality in the
+# triangle inequality, by this much relative.
+_ROUNDING = 1e-9
 
 
 def _positive(value: float, place: str, unit: str) -> None:
@@ -29,7 +31,7 @@ def _positive(value: float, place: str, unit: str) -> None:
 
 
 def _number(value: float, place: str, unit: str) -> None:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
+    if isinstance(value, bool) or not isinstance(value, Real):
         raise MechanismError(place, value, f"a number [{unit}]")
     if not abs(value) <= LARGEST:
         raise MechanismError(place, value, f"a finite number [{unit}]")
@@ -64,7 +66,7 @@ class Link:
         _number(self.com, "com", "m")
         _positive(self.transverse, "inertia.transverse", "kg m^2")
         _positive(self.axial, "inertia.axial", "kg m^2")
-        if self.axial > 2 * self.transverse * (1 + _TRIANGLE_ROUNDING):
+        if self.axial > 2 * self.transverse * (1 + _ROUNDING):
             allowed = f"at most twice the transverse inertia, {2 * self.transverse!r} kg m^2"
             raise MechanismError("inertia.axial", self.axial, allowed)
 
@@ -137,14 +139,15 @@ class Platform:
         _positive(self.mass, "platform.mass", "kg")
         object.__setattr__(self, "com", frozen(self.com, (3,), "platform.com", MechanismError))
         inertia = frozen(self.inertia, (3, 3), "platform.inertia", MechanismError)
-        object.__setattr__(self, "inertia", inertia)
-        if not np.array_equal(inertia, inertia.T):
+        if np.abs(inertia - inertia.T).max() > _ROUNDING * np.abs(inertia).max():
             raise MechanismError("platform.inertia", inertia.tolist(), "a symmetric matrix")
+        inertia = frozen((inertia + inertia.T) / 2, (3, 3), "platform.inertia", MechanismError)
+        object.__setattr__(self, "inertia", inertia)
         principal = np.linalg.eigvalsh(inertia)
         if principal[0] <= 0:
             allowed = "positive principal moments [kg m^2]"
             raise MechanismError("platform.inertia", f"principal moments {principal}", allowed)
-        if principal[2] > (principal[0] + principal[1]) * (1 + _TRIANGLE_ROUNDING):
+        if principal[2] > (principal[0] + principal[1]) * (1 + _ROUNDING):
             allowed = "no principal moment larger than the sum of the other two"
             raise MechanismError("platform.inertia", f"principal moments {principal}", allowed)
 

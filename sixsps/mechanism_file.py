@@ -17,7 +17,7 @@ from sixsps.mechanism import Leg, Link, Mechanism, Platform
 from sixsps.yaml_reader import Document, read_document, write_document
 
 # The largest bundled file has 2 kB; a mechanism has about 200 numbers however it is laid out.
-_LARGEST_FILE = 256 * 1024
+_LARGEST_FILE = 64 * 1024
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]

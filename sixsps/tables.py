@@ -15,7 +15,7 @@ import pyarrow.parquet
 
 from sixsps.arrays import LARGEST, Array
 from sixsps.errors import MotionError, OutputError
-from sixsps.files import check_readable, write_atomically
+from sixsps.files import check_readable, exists, write_atomically
 
 _ALLOWED = f"a finite number up to {LARGEST:g}"
 _NUMBER = re.compile(
@@ -55,6 +55,8 @@ def read_table(path: Path, known: tuple[str, ...]) -> Table:
         MotionError: naming file, row and column, value and what is allowed.
     """
     source = str(path)
+    if exists(path) and not (path.is_file() or path.is_dir()):
+        raise MotionError("motion", "a pipe or device", "a regular file", source)
     check_readable(path, "motion", MotionError)
     try:
         table = _read_parquet(path) if path.suffix == ".parquet" else _read_csv(path)
