@@ -97,6 +97,8 @@ def _summary(results: dict[str, Any]) -> list[str]:
         f"cond(J) up to {_number(condition['value'])}",
         f"power balance residual {_number(results['power_balance_residual'])} of the power exchanged",
     ]
+    if results["mechanism"]["assumed"]:
+        lines.append("assumed, not given by the source: " + ", ".join(results["mechanism"]["assumed"]))
     lines += [_violation_line(violation) for violation in results["limit_violations"]]
     return lines + singular_lines(results["singular_samples"])
 

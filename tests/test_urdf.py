@@ -1,5 +1,6 @@
 """The generated descriptions: valid for others, exact, and assembled at home."""
 
+import dataclasses
 import os
 import subprocess
 import sysconfig
@@ -96,6 +97,17 @@ class TestUrdf:
         assert "xacro" not in text
         assert str(Path.home()) not in text
         assert "${" not in text
+
+    def test_tells_given_from_assumed(self, wu2012):
+        for text in (urdf.render_urdf(wu2012), urdf.render_mjcf(wu2012)):
+            assert "Given by: Wu, Xiong & Kong" in text
+            for key in wu2012.assumed:
+                assert f"Assumed, not given: {key}: " in text
+
+    def test_no_source_ends_the_comment_it_stands_in(self, wu2012):
+        hostile = dataclasses.replace(wu2012, source="--><evil/><!--", assumed={"a--": "\n--->"})
+        for text in (urdf.render_urdf(hostile), urdf.render_mjcf(hostile)):
+            assert ET.fromstring(text).find("evil") is None
 
     def test_passes_check_urdf(self, any_mechanism, tmp_path):
         """The ROS community's own checker, as Pinocchio's wheel ships it."""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 
 import numpy as np
 
 from sixsps.arrays import Array
+from sixsps.errors import printable
 from sixsps.mechanism import Mechanism
 from sixsps.trajectories import home_position
 
@@ -63,6 +65,14 @@ class Layout:
         )
         platform = _disc(mechanism.platform_anchors)
         return cls(home, legs, _disc(mechanism.base_anchors), platform, 0.1 * platform.radius)
+
+
+def provenance(mechanism: Mechanism) -> str:
+    """Returns what an exported file says of its numbers, fit for an XML comment."""
+    lines = [f"Given by: {mechanism.source}"] if mechanism.source else []
+    lines += [f"Assumed, not given: {key}: {why}" for key, why in mechanism.assumed.items()]
+    text = "".join(f"\n  {printable(line)}" for line in lines)
+    return re.sub("-(?=-)", "- ", f" Written by sixsps.{text} ")  # two dashes would end the comment
 
 
 def _pitch_and_yaw(direction: Array) -> tuple[float, float]:

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from sixsps.mechanism import Leg, Link, Mechanism
 from urdf.closures import CLOSURES, LEGS
-from urdf.layout import LOWER_RADIUS, UPPER_RADIUS, Disc, Layout, LegLayout
+from urdf.layout import LOWER_RADIUS, UPPER_RADIUS, Disc, Layout, LegLayout, provenance
 
 _COLORS = {"steel": "0.65 0.68 0.72 1", "blue": "0.13 0.35 0.60 1", "orange": "0.90 0.55 0.15 1"}
 
@@ -29,6 +29,7 @@ def render_mjcf(mechanism: Mechanism) -> str:
     """
     layout = Layout.of(mechanism)
     root = ET.Element("mujoco", model=mechanism.name)
+    root.append(ET.Comment(provenance(mechanism)))
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
     ET.SubElement(root, "option", gravity=_text(mechanism.gravity))
     _defaults(root)

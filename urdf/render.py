@@ -10,7 +10,7 @@ from xml.dom.minidom import Document
 import xacro
 
 from sixsps.mechanism import Leg, Link, Mechanism
-from urdf.layout import LOWER_RADIUS, UPPER_RADIUS, Disc, Layout, LegLayout
+from urdf.layout import LOWER_RADIUS, UPPER_RADIUS, Disc, Layout, LegLayout, provenance
 
 # URDF demands an effort and a velocity limit of every joint; the mechanism has none to give.
 _NO_LIMIT = "1e9"
@@ -30,6 +30,7 @@ def render_urdf(mechanism: Mechanism) -> str:
         document = xacro.process_file(str(path), mappings=_arguments(mechanism))
     _remove_comments(document)
     document.documentElement.setAttribute("name", mechanism.name)
+    document.insertBefore(document.createComment(provenance(mechanism)), document.documentElement)
     text: str = document.toprettyxml(indent="  ")
     return text
 
