@@ -89,15 +89,14 @@ def compare(
     fit: Fit = False,
 ) -> None:
     """Compare engines along a motion. Example: sixsps compare wu2012 line --output report."""
-    from compare import figures
-    from compare import results as files
     from compare.comparison import compare as run_comparison
     from compare.inputs import check_range, load_motion
+    from compare.outputs import write_outputs
     from compare.progress import watching
     from compare.registry import ENGINES, check_names
-    from compare.report import answer, markdown, terminal
+    from compare.report import answer, terminal
     from compare.runner import LONGEST_LIMIT_S
-    from sixsps.files import output_folder, write_atomically
+    from sixsps.files import output_folder
     from sixsps.mechanism import Mechanism
 
     check_names(engine or [])
@@ -113,12 +112,7 @@ def compare(
             time_limit=time_limit, watch=watch,
         )  # fmt: skip
     comparison.results["command"] = shlex.join(["sixsps", *sys.argv[1:]])
-    files.write_forces(comparison, folder)
-    files.write_results(comparison.results, folder)
-    figure = figures.write_figure(comparison, machine, folder).name if figures.available() else None
-    report = folder / files.REPORT
-    with write_atomically(report) as temporary:
-        temporary.write_text(markdown(comparison.results, figure), encoding="utf-8")
+    report = write_outputs(comparison, machine, folder)
     _print(terminal(comparison.results))
     typer.echo(answer(comparison.results))
     typer.echo(f"report: {report}")

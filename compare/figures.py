@@ -5,7 +5,7 @@ Needs matplotlib, the extra `figures`; a report without it has no picture and sa
 
 from __future__ import annotations
 
-from importlib.util import find_spec
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,8 +32,12 @@ _AZIMUTH, _ELEVATION = np.radians(-60), np.radians(20)
 
 
 def available() -> bool:
-    """Returns whether matplotlib is installed."""
-    return find_spec("matplotlib") is not None
+    """Returns whether matplotlib is installed and imports."""
+    try:
+        import_module("matplotlib.figure")
+    except ImportError:
+        return False
+    return True
 
 
 def write_figure(comparison: Comparison, mechanism: Mechanism, folder: Path) -> Path:

@@ -13,7 +13,7 @@ import pyarrow.parquet
 from compare.comparison import Comparison
 from sixsps.files import write_atomically
 
-RESULTS, FORCES, REPORT = "results.json", "forces.parquet", "report.md"
+RESULTS, FORCES = "results.json", "forces.parquet"
 
 
 def write_results(results: dict[str, Any], folder: Path) -> Path:

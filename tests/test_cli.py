@@ -1,10 +1,13 @@
 """The command as a user runs it."""
 
+import dataclasses
 import json
 import os
 import pty
+import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -81,8 +84,6 @@ class TestCompare:
         motion = bundled("line", sixsps.Mechanism.load("wu2012"), 4)
         position = np.array(motion.position)
         position[2] = [0.01, 0.02, 0.0]
-        import dataclasses
-
         dataclasses.replace(motion, position=position).save(tmp_path / "flat.csv")
         result = sixsps_command(
             "compare", "wu2012", tmp_path / "flat.csv", "--engine", "kane", "--output", tmp_path / "out"
@@ -158,8 +159,6 @@ def test_forces_of_another_engine(tmp_path):
 
 def test_forces_at_a_singular_pose_are_nan_with_status_1(tmp_path):
     motion = bundled("line", sixsps.Mechanism.load("wu2012"), 2)
-    import dataclasses
-
     position = [[0.01, 0.02, 0.0], motion.position[1]]
     dataclasses.replace(motion, position=position).save(tmp_path / "flat.parquet")
     path = tmp_path / "forces.csv"
@@ -224,9 +223,6 @@ def test_shell_completion_offers_names():
 
 
 def test_interrupt_leaves_no_half_written_file(tmp_path):
-    import signal
-    import time
-
     output = tmp_path / "forces.csv"
     output.write_text("precious\n")
     process = subprocess.Popen(

@@ -1,5 +1,6 @@
 """One contract for every engine of the registry."""
 
+import dataclasses
 import os
 
 import numpy as np
@@ -90,8 +91,9 @@ def test_closure_checks_are_at_rounding(engine, mechanism):
     _, make = engine
     motion = bundled("sinusoids", mechanism, 20)
     result = forces_of(make, mechanism, motion)
-    if result.closure_residual is None:
-        pytest.skip("opens no loop")
+    if result.closure_residual is None:  # opens no loop
+        assert result.closure_error is None
+        return
     assert result.closure_residual.max() <= 1e-13 * np.abs(result.forces).max()
     size = np.abs(mechanism.base_anchors).max()
     assert result.closure_error.max() <= 1e-14 * size
@@ -99,8 +101,6 @@ def test_closure_checks_are_at_rounding(engine, mechanism):
 
 def test_takes_gravity_from_the_mechanism(engine):
     """Tilted gravity of another planet: no engine may use a default of its own."""
-    import dataclasses
-
     name, make = engine
     mechanism = dataclasses.replace(random_mechanism(0), gravity=[1.2, -0.4, 3.7])
     motion = random_motion(mechanism, 0)

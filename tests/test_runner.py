@@ -1,6 +1,7 @@
 """Engines in processes of their own: whatever one does, the others' results stand."""
 
 import os
+import re
 import subprocess
 import sys
 import time
@@ -50,8 +51,6 @@ def test_failure_has_its_reason_and_spares_the_others(fake, job, attribute, reas
     broken, kane = run([fake(attribute), "kane"], *job)
     assert broken.status == "failed"
     assert broken.forces is None
-    import re
-
     assert re.search(reason, broken.reason)
     assert kane.status == "ok"
     assert np.array_equal(kane.forces, sixsps.inverse_dynamics(*job[:2]))
