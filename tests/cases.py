@@ -5,12 +5,15 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from sixsps.kinematics import inverse_kinematics
 from sixsps.mechanism import Leg, Link, Mechanism, Platform
 from sixsps.motion import Motion
-from sixsps.trajectories import home_position
+from sixsps.trajectories import home_position, sinusoids
 
 BUNDLED = ("wu2012", "tsai2000", "taghirad2013")
 RECORDED = Path(__file__).parents[2] / "shared" / "data" / "recorded_motion.csv"
+DERIVATIVES = ("velocity", "angular_velocity", "acceleration", "angular_acceleration")
+FIELDS = ("time", "position", "quaternion", *DERIVATIVES, "force", "moment")
 
 
 def random_mechanism(seed):
@@ -82,3 +85,28 @@ def at_rest(position, quaternion=(1.0, 0.0, 0.0, 0.0), **given):
         quaternion=[quaternion],
         **{name: np.atleast_2d(given.get(name, zero)) for name in names},
     )
+
+
+def still(n=4, **fields):
+    """A motion that stays where it is, or with other columns where `fields` gives them."""
+    zero = np.zeros((n, 3))
+    return Motion(**{"time": np.arange(n), "position": zero, **dict.fromkeys(DERIVATIVES, zero)} | fields)
+
+
+def times(samples=1000, rate=100.0, jitter=0.3, seed=0):
+    """Sampling instants off an even grid by up to `jitter` of a step, from time 0."""
+    rng = np.random.default_rng(seed)
+    time = (np.arange(samples) + jitter * rng.uniform(-1, 1, samples)) / rate
+    return time - time[0]
+
+
+def wobble(time):
+    """A motion below 1 Hz in all six directions, turning by up to half a radian about each axis."""
+    center, amplitude = [0.1, -0.2, 0.5, 0.2, -0.3, 0.4], [0.1, 0.2, 0.05, 0.4, 0.3, 0.5]
+    return sinusoids(time, center, amplitude, [0.3, 0.5, 0.7, 0.45, 0.35, 0.25], [0, 1, 2, 3, 4, 5])
+
+
+def legs_within_limits(mechanism, motion):
+    lengths = inverse_kinematics(mechanism, motion).lengths
+    low, high = mechanism.length_limits.T
+    return bool((lengths >= low).all() and (lengths <= high).all())

@@ -4,47 +4,18 @@ import subprocess
 import sys
 
 import pytest
+from texts import MECHANISM, edited
 
 from sixsps.trajectories import bundled_motions
 
 MISSING = None
 DIRECTORY = object()
 
-MECHANISM = """\
-name: bench
-gravity: [0, 0, -9.81]
-base:
-  anchors:
-    - [0.24, -0.06, 0]
-    - [0.24, 0.06, 0]
-    - [-0.06, 0.24, 0]
-    - [-0.18, 0.18, 0]
-    - [-0.18, -0.18, 0]
-    - [-0.06, -0.24, 0]
-platform:
-  anchors:
-    - [0.07, -0.07, 0]
-    - [0.07, 0.07, 0]
-    - [0.03, 0.1, 0]
-    - [-0.1, 0.03, 0]
-    - [-0.1, -0.03, 0]
-    - [0.03, -0.1, 0]
-  mass: 1.0
-  inertia: {xx: 0.0025, yy: 0.0025, zz: 0.005}
-legs:
-  lower: {mass: 0.5, length: 0.45, radius: 0.02}
-  upper: {mass: 0.3, length: 0.45, radius: 0.012}
-"""
 HEADER = "t,x,y,z,qw,qx,qy,qz,vx,vy,vz,wx,wy,wz,ax,ay,az,ex,ey,ez"
 ROW_1 = "0,0,0.2,0.45,1,0,0,0"
 ROW_2 = "0.1,0,0.2,0.45,1,0,0,0"
 ROW_3 = "0.2,0,0.2,0.45,1,0,0,0"
 REST = ",0" * 12
-
-
-def edited(old, new):
-    assert MECHANISM.count(old) == 1, old
-    return MECHANISM.replace(old, new)
 
 
 def four_in_one():
@@ -97,11 +68,11 @@ MECHANISMS = {
     "binary": (bytes(range(256)) * 10, ["binary", "UTF-8"]),
     "syntax error": (edited("gravity: [0, 0, -9.81]", "gravity: [0, 0, -9.81"), ["line 3", "expected"]),
     "unknown key": (
-        edited("  mass: 1.0", "  mass: 1.0\n  weight: 9.81"),
+        edited("  mass: 1.25", "  mass: 1.25\n  weight: 9.81"),
         [":20:", "platform.weight", "9.81", "mass"],
     ),
     "repeated key": (
-        edited("  mass: 1.0", "  mass: 1.0\n  mass: 2.0"),
+        edited("  mass: 1.25", "  mass: 1.25\n  mass: 2.0"),
         [":20:", "platform.mass", "repeated"],
     ),
     "missing key": (edited("gravity: [0, 0, -9.81]\n", ""), ["gravity", "missing", "required"]),
@@ -109,10 +80,10 @@ MECHANISMS = {
         edited("    - [-0.06, -0.24, 0]\n", ""),
         [":4:", "base.anchors", "5 entries", "6 entries"],
     ),
-    "a string for a number": (edited("1.0", "'1.0 kg'"), [":19:", "platform.mass", "1.0 kg", "a number"]),
-    "NaN": (edited("1.0", ".nan"), [":19:", "platform.mass", "nan", "finite"]),
+    "a string for a number": (edited("1.25", "'1.0 kg'"), [":19:", "platform.mass", "1.0 kg", "a number"]),
+    "NaN": (edited("1.25", ".nan"), [":19:", "platform.mass", "nan", "finite"]),
     "infinity": (edited("-9.81", "-.inf"), [":2:", "gravity.2", "-inf", "finite"]),
-    "zero mass": (edited("1.0", "0"), [":19:", "platform.mass", "0", "> 0"]),
+    "zero mass": (edited("1.25", "0"), [":19:", "platform.mass", "0", "> 0"]),
     "negative mass": (edited("mass: 0.3", "mass: -0.3"), [":23:", "legs.upper.mass", "-0.3", "> 0"]),
     "inertia not positive definite": (
         edited("yy: 0.0025", "yy: -0.0025"),

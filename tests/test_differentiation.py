@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cases import RECORDED
+from cases import DERIVATIVES, RECORDED, times, wobble
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -16,21 +16,6 @@ from sixsps.trajectories import sinusoids
 EPS = np.finfo(float).eps
 # Condition of the normal equations, what rounding grows by; see test_smoothing.py.
 CONDITION = 1e6
-FIELDS = ("velocity", "angular_velocity", "acceleration", "angular_acceleration")
-STILL = np.array([1.0, 0.0, 0.0, 0.0])
-
-
-def times(samples=1000, rate=100.0, jitter=0.3, seed=0):
-    """Sampling instants off an even grid by up to `jitter` of a step, from time 0."""
-    rng = np.random.default_rng(seed)
-    time = (np.arange(samples) + jitter * rng.uniform(-1, 1, samples)) / rate
-    return time - time[0]
-
-
-def wobble(time):
-    """A motion below 1 Hz in all six directions, turning by up to half a radian about each axis."""
-    center, amplitude = [0.1, -0.2, 0.5, 0.2, -0.3, 0.4], [0.1, 0.2, 0.05, 0.4, 0.3, 0.5]
-    return sinusoids(time, center, amplitude, [0.3, 0.5, 0.7, 0.45, 0.35, 0.25], [0, 1, 2, 3, 4, 5])
 
 
 def with_noise(motion, noise, seed=0):
@@ -81,7 +66,7 @@ def test_exact_poses_give_nearly_exact_derivatives(jitter):
     found = differentiate(time, motion.position, motion.quaternion)
     inside = interior(time)
     assert min(found.position_cutoff, found.rotation_cutoff) > 10
-    for field in FIELDS:
+    for field in DERIVATIVES:
         truth = getattr(motion, field)
         error = getattr(found, field)[inside] - truth[inside]
         # The filter takes (0.7 / 10)^6 = 1e-7; jitter makes that uneven, which differentiation magnifies.
@@ -96,7 +81,7 @@ def test_a_set_cutoff_leaves_the_noise_that_theory_gives(cutoff, noise):
     found = differentiate(time, *with_noise(motion, noise, 1), cutoff)
     inside = interior(time)
     assert found.position_cutoff == found.rotation_cutoff == cutoff
-    for field in FIELDS:
+    for field in DERIVATIVES:
         order = 2 if "acceleration" in field else 1
         truth = getattr(motion, field)[inside]
         expected = expected_noise(order, noise, cutoff, 100.0)
@@ -114,7 +99,7 @@ def test_noisy_uneven_poses_give_derivatives_and_their_noise(noise):
     motion = wobble(time)
     found = differentiate(time, *with_noise(motion, noise, 2))
     inside = interior(time)
-    for field in FIELDS:
+    for field in DERIVATIVES:
         order = 2 if "acceleration" in field else 1
         cutoff = found.rotation_cutoff if "angular" in field else found.position_cutoff
         error = rms(getattr(found, field)[inside] - getattr(motion, field)[inside])
@@ -163,7 +148,7 @@ def test_the_estimate_turns_with_the_world_and_not_with_the_platform(seed):
     turned = world * Rotation.from_quat(quaternion, scalar_first=True) * platform
     given_frame = differentiate(time, position, quaternion, 6.0)
     other = differentiate(time, world.apply(position), turned.as_quat(scalar_first=True), 6.0)
-    for field in FIELDS:
+    for field in DERIVATIVES:
         expected = world.apply(getattr(given_frame, field))
         # Unit-sized poses, rounded in the normal equations, at the pulsation of 6 Hz when differentiated.
         order = 2 if "acceleration" in field else 1
@@ -192,7 +177,7 @@ def test_signs_of_quaternions_change_nothing():
     for flips in (signs, -signs):
         found = differentiate(time, position, flips[:, None] * quaternion)
         assert found.rotation_cutoff == expected.rotation_cutoff
-        for field in FIELDS:
+        for field in DERIVATIVES:
             np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
 
 
@@ -232,7 +217,7 @@ def test_a_constant_pose_gives_zero(cutoff):
     orientation = Rotation.from_euler("XYZ", [0.3, 1.2, -2.0]).as_quat(scalar_first=True)
     found = differentiate(time, np.full((300, 3), 1.7), np.tile(orientation, (300, 1)), cutoff)
     pulsation = 2 * np.pi * max(found.position_cutoff, found.rotation_cutoff, 1 / time[-1])
-    for field in FIELDS:
+    for field in DERIVATIVES:
         order = 2 if "acceleration" in field else 1
         bound = 2 * CONDITION * EPS * pulsation**order
         np.testing.assert_allclose(getattr(found, field), 0, rtol=0, atol=bound)
@@ -246,7 +231,7 @@ def test_the_clock_may_start_anywhere(offset):
     time = np.arange(500) / 64.0
     poses = with_noise(wobble(time), 1e-3)
     expected, found = differentiate(time, *poses), differentiate(time + offset, *poses)
-    for field in FIELDS:
+    for field in DERIVATIVES:
         np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
 
 
@@ -258,8 +243,8 @@ def test_recorded_motion_has_plausible_cutoffs_and_says_so(recorded):
     # The file is rounded to 1e-5 m and 1e-6; the motion capture scatters more than that, below a millimetre.
     assert 1e-5 < found.position_noise < 1e-3
     assert 1e-4 < found.rotation_noise < 5e-3
-    assert set(recorded.estimated) == set(FIELDS)
-    for field in FIELDS:
+    assert set(recorded.estimated) == set(DERIVATIVES)
+    for field in DERIVATIVES:
         np.testing.assert_array_equal(getattr(recorded, field), getattr(found, field))
         turning = "angular" in field
         cutoff = found.rotation_cutoff if turning else found.position_cutoff
@@ -298,7 +283,7 @@ def test_recorded_angular_velocity_and_acceleration_integrate_back_to_the_orient
     assert deviation.max() < 15 * noise
 
 
-@pytest.mark.parametrize("field", FIELDS)
+@pytest.mark.parametrize("field", DERIVATIVES)
 def test_recorded_motion_keeps_its_derivatives_when_every_second_sample_is_missing(recorded, field):
     every, second = (
         differentiate(recorded.time[::step], recorded.position[::step], recorded.quaternion[::step])
@@ -323,54 +308,8 @@ def test_recorded_motion_keeps_its_derivatives_when_every_second_sample_is_missi
 @pytest.mark.skipif(not RECORDED.exists(), reason="the recorded motion is not beside this checkout")
 def test_a_set_cutoff_is_named_in_the_motion():
     motion = Motion.load(RECORDED, cutoff=6.0)
-    assert set(motion.estimated) == set(FIELDS)
+    assert set(motion.estimated) == set(DERIVATIVES)
     assert all("6 Hz (set)" in how for how in motion.estimated.values())
-
-
-def test_from_poses_estimates_what_is_missing_and_keeps_what_is_given():
-    time = times(200)
-    exact = wobble(time)
-    rng = np.random.default_rng(7)
-    force, moment = rng.standard_normal((2, 200, 3))
-    motion = Motion.from_poses(
-        time, exact.position, exact.quaternion, force=force, moment=moment, cutoff=9.0, name="wobble"
-    )
-    found = differentiate(time, exact.position, exact.quaternion, 9.0)
-    assert motion.name == "wobble"
-    assert set(motion.estimated) == set(FIELDS)
-    for name, expected in (("position", exact.position), ("quaternion", exact.quaternion)):
-        np.testing.assert_array_equal(getattr(motion, name), expected)
-    for name, expected in (("force", force), ("moment", moment)):
-        np.testing.assert_array_equal(getattr(motion, name), expected)
-    for field in FIELDS:
-        np.testing.assert_array_equal(getattr(motion, field), getattr(found, field))
-
-
-def test_from_poses_without_orientation_does_not_turn():
-    time = times(50)
-    motion = Motion.from_poses(time.tolist(), wobble(time).position.tolist())
-    np.testing.assert_array_equal(motion.quaternion, np.tile(STILL, (50, 1)))
-    np.testing.assert_allclose(motion.angular_velocity, 0, rtol=0, atol=1e-9)
-    np.testing.assert_array_equal(motion.force, np.zeros((50, 3)))
-
-
-def test_six_samples_are_enough_and_five_are_not():
-    time = np.arange(6.0)
-    position = np.outer(time**2, [1.0, -2.0, 0.5])
-    motion = Motion.from_poses(time, position)
-    # A parabola passes any smoothing.
-    np.testing.assert_allclose(motion.acceleration, np.tile([2.0, -4.0, 1.0], (6, 1)), rtol=0, atol=1e-8)
-    with pytest.raises(MotionError, match="5 samples without derivatives; allowed: at least 6 samples"):
-        Motion.from_poses(time[:5], position[:5])
-    with pytest.raises(MotionError, match="1 samples without derivatives"):
-        Motion.from_poses(time[:1], position[:1])
-
-
-@pytest.mark.parametrize("cutoff", [0.0, -1.0, np.nan, np.inf, -np.inf])
-def test_impossible_cutoffs_are_refused(cutoff):
-    time = times(50)
-    with pytest.raises(MotionError, match=r"cutoff: .*allowed: a finite frequency > 0"):
-        Motion.from_poses(time, wobble(time).position, cutoff=cutoff)
 
 
 @pytest.mark.parametrize("cutoff", [1e-300, 1e-12, 1e-4, 1e-3, 60.0, 1e3, 1e4, 1e6, 1e300])
@@ -398,7 +337,7 @@ def test_a_pause_much_longer_than_the_recording_is_refused_or_harmless():
     if motion is None:
         return
     inside = np.r_[interior(time[:1000]), interior(time[1000:])]
-    for field in FIELDS:
+    for field in DERIVATIVES:
         error = getattr(motion, field) - getattr(truth, field)
         assert rms(error[inside]) < 0.01 * rms(getattr(truth, field))
 
@@ -408,30 +347,6 @@ def test_one_stray_sample_long_after_the_others_is_refused_or_harmless():
     position = wobble(time).position + 1e-3 * np.random.default_rng(8).standard_normal((101, 3))
     motion = refused_or(lambda: Motion.from_poses(time, position))
     assert motion is None or np.isfinite(motion.acceleration).all()
-
-
-@pytest.mark.parametrize(
-    ("changed", "place"),
-    [
-        ({"time": [0.0, 1.0, 2.0, 2.0, 3.0, 4.0, 5.0]}, "t, index 3"),
-        ({"time": [0.0, 1.0, 2.0, np.nan, 3.0, 4.0, 5.0]}, "time"),
-        ({"position": np.zeros((7, 2))}, "position"),
-        ({"position": np.zeros((6, 3))}, "position"),
-        ({"position": np.full((7, 3), np.inf)}, "position"),
-        ({"quaternion": np.zeros((7, 4))}, "quaternion"),
-        ({"quaternion": np.ones((7, 3)) / np.sqrt(3)}, "quaternion"),
-        ({"quaternion": np.tile(1.002 * STILL, (7, 1))}, "quaternion, index 0"),
-        ({"force": np.zeros((6, 3))}, "force"),
-        ({"time": 1.0}, "time"),
-        ({"time": ["a"] * 7}, "time"),
-        ({"position": [["a", "b", "c"]] * 7}, "position"),
-    ],
-)
-def test_unusable_poses_are_refused(changed, place):
-    poses = {"time": np.arange(7.0), "position": np.zeros((7, 3)), "quaternion": np.tile(STILL, (7, 1))}
-    with pytest.raises(MotionError) as caught:
-        Motion.from_poses(**(poses | changed))
-    assert place in caught.value.place
 
 
 def test_positions_and_orientations_get_cutoffs_of_their_own():
