@@ -90,6 +90,7 @@ def compare(
 ) -> None:
     """Compare engines along a motion. Example: sixsps compare wu2012 line --output report."""
     from compare.comparison import compare as run_comparison
+    from compare.figures import preload
     from compare.inputs import check_range, load_motion
     from compare.outputs import write_outputs
     from compare.progress import watching
@@ -106,6 +107,7 @@ def compare(
     path = load_motion(motion, machine, samples=samples, cutoff=cutoff, fit=fit)
     folder = output_folder(output)
     names = list(dict.fromkeys(engine or ENGINES))
+    preload()
     with watching(len(path)) as watch:
         comparison = run_comparison(
             machine, path, names, requested=engine or (), tolerance=tolerance,

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from importlib import import_module
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -38,6 +39,11 @@ def available() -> bool:
     except ImportError:
         return False
     return True
+
+
+def preload() -> None:
+    """Begins to import matplotlib, meant for while engines compute in processes of their own."""
+    Thread(target=available, daemon=True).start()
 
 
 def write_figure(comparison: Comparison, mechanism: Mechanism, folder: Path) -> Path:

@@ -86,7 +86,9 @@ def run(
         One outcome an engine, in the order of `engines`; nothing that happens in an engine's
         process raises here.
     """
-    job = pickle.dumps((mechanism, motion[regular]))
+    given = motion[regular]
+    given.rotation  # noqa: B018  computed once, here, and handed on with the motion
+    job = pickle.dumps((mechanism, given))
     limit = _BASE_LIMIT_S + _LIMIT_PER_SAMPLE_S * len(motion) if time_limit is None else time_limit
     outcomes = _run_all(engines, job, limit, watch)
     for outcome in outcomes:

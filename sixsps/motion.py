@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from sixsps.arrays import Array, frozen
 from sixsps.errors import MotionError
@@ -143,11 +142,17 @@ class Motion:
 
     def __getitem__(self, samples: slice | NDArray[np.bool_]) -> Motion:
         columns = {name: getattr(self, name)[samples] for name in (*_VECTORS, "time", "quaternion")}
-        return Motion(**columns, name=self.name, estimated=self.estimated)
+        part = Motion(**columns, name=self.name, estimated=self.estimated)
+        if "rotation" in self.__dict__:
+            part.__dict__["rotation"] = self.rotation[samples]
+        return part
 
     @cached_property
     def rotation(self) -> Array:
         """(n, 3, 3) orientation as used: platform axes to world axes."""
+        # Imported here: it takes longer than most motions, and engines get the matrices ready made.
+        from scipy.spatial.transform import Rotation
+
         matrices: Array = Rotation.from_quat(self.quaternion, scalar_first=True).as_matrix()
         matrices.setflags(write=False)
         return matrices

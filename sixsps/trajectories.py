@@ -1,4 +1,7 @@
-"""Analytic motions with exact derivatives, and the fitting of any motion to a mechanism."""
+"""Analytic motions with exact derivatives, and the fitting of any motion to a mechanism.
+
+scipy is imported where it is used: it would take most of the time of a short command.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
-from scipy.spatial.transform import Rotation
 
 from sixsps.arrays import Array
 from sixsps.errors import MotionError, UnknownNameError
@@ -63,6 +64,8 @@ def sinusoids(
         phase: (6,) at time 0 [rad].
         force: (3,) constant external force [N].
     """
+    from scipy.spatial.transform import Rotation
+
     t = np.asarray(time, dtype=np.float64)[:, None]
     pulsation = 2 * np.pi * np.asarray(frequency, dtype=np.float64)
     size = np.asarray(amplitude, dtype=np.float64)
@@ -100,6 +103,8 @@ def quintic(
         rotation_vector: (3,) axis times angle of the orientation at arrival, world axes [rad].
         force: (3,) constant external force [N].
     """
+    from scipy.spatial.transform import Rotation
+
     t = np.asarray(time, dtype=np.float64)
     duration = t[-1] - t[0]
     path = Polynomial([0, 0, 0, 10, -15, 6])
@@ -212,6 +217,8 @@ def home_position(mechanism: Mechanism) -> Array:
     Returns:
         (3,) platform origin, world frame [m].
     """
+    from scipy.optimize import brentq
+
     A, b = mechanism.base_anchors, mechanism.platform_anchors
     normal = np.linalg.svd(A - A.mean(axis=0))[2][2]
     upwards = -mechanism.gravity if mechanism.gravity @ normal else np.array([0.0, 0.0, 1.0])

@@ -8,11 +8,11 @@ velocity, body-frame angular velocity.
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from sixsps.mechanism import Leg, Link, Mechanism
 from urdf.closures import CLOSURES, LEGS
@@ -122,7 +122,9 @@ def _disc(body: ET.Element, disc: Disc, color: str) -> None:
 
 
 def _quaternion(pitch: float, yaw: float) -> str:
-    return _text(Rotation.from_euler("ZY", [yaw, pitch]).as_quat(scalar_first=True))
+    """Returns the unit quaternion of a turn by `pitch` about y, then by `yaw` about z."""
+    cp, sp, cy, sy = math.cos(pitch / 2), math.sin(pitch / 2), math.cos(yaw / 2), math.sin(yaw / 2)
+    return _text((cy * cp, -sy * sp, cy * sp, sy * cp))
 
 
 def _text(numbers: Iterable[float]) -> str:
