@@ -15,7 +15,7 @@ from typing import Annotated, Any
 
 import typer
 
-from sixsps.errors import InputError, SixspsError, shown
+from sixsps.errors import InputError, SixspsError, printable, shown
 
 app = typer.Typer(
     name="sixsps",
@@ -55,25 +55,41 @@ def _complete_engine(incomplete: str) -> list[str]:
 
 
 MechanismName = Annotated[
-    str, typer.Argument(help="Mechanism file (YAML) or bundled name.", autocompletion=_complete_mechanism)
+    str,
+    typer.Argument(
+        metavar="MECHANISM", help="Mechanism file (YAML) or bundled name.", autocompletion=_complete_mechanism
+    ),
 ]
 MotionName = Annotated[
     str,
-    typer.Argument(help="Motion file (CSV, Parquet) or bundled name.", autocompletion=_complete_motion),
+    typer.Argument(
+        metavar="MOTION", help="Motion file (CSV, Parquet) or bundled name.", autocompletion=_complete_motion
+    ),
 ]
 Engines = Annotated[
     list[str] | None,
-    typer.Option("--engine", help="Engine to compare; may be repeated.", autocompletion=_complete_engine),
+    typer.Option(
+        "--engine",
+        metavar="NAME",
+        help="Engine to compare, repeatable; all by default.",
+        autocompletion=_complete_engine,
+    ),
 ]
-Samples = Annotated[int | None, typer.Option(help="Samples of a bundled motion, at least 2.")]
+Samples = Annotated[
+    int | None, typer.Option(metavar="N", help="Samples of a bundled motion; 2001 by default.")
+]
 Cutoff = Annotated[
     float | None,
-    typer.Option(help="Corner frequency of the smoothing of a recorded motion [Hz]; else from the data."),
+    typer.Option(
+        metavar="HZ", help="Corner frequency that smooths a recorded motion; from the data by default."
+    ),
 ]
 Fit = Annotated[
     bool, typer.Option("--fit", help="Shift and scale a file's motion to the mechanism's home and strokes.")
 ]
-OutputFile = Annotated[Path, typer.Option("--output", help="File to write: .csv or .parquet.")]
+OutputFile = Annotated[
+    Path, typer.Option("--output", metavar="FILE", help="File to write: .csv or .parquet.")
+]
 
 
 @app.command()
@@ -81,9 +97,19 @@ def compare(
     mechanism: MechanismName = "wu2012",
     motion: MotionName = "line",
     engine: Engines = None,
-    output: Annotated[Path, typer.Option(help="Folder for report and results.")] = Path("report"),
-    tolerance: Annotated[float | None, typer.Option(help="Relative error allowed to every engine.")] = None,
-    time_limit: Annotated[float | None, typer.Option(help="Seconds an engine may take.")] = None,
+    output: Annotated[Path, typer.Option(metavar="DIR", help="Folder for report and results.")] = Path(
+        "report"
+    ),
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            metavar="REL", help="Relative error allowed; 1e-10 by default, more near singularities."
+        ),
+    ] = None,
+    time_limit: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="Seconds an engine may take; by default 120 and 0.01 a sample."),
+    ] = None,
     samples: Samples = None,
     cutoff: Cutoff = None,
     fit: Fit = False,
@@ -113,7 +139,7 @@ def compare(
             machine, path, names, requested=engine or (), tolerance=tolerance,
             time_limit=time_limit, watch=watch,
         )  # fmt: skip
-    comparison.results["command"] = shlex.join(["sixsps", *sys.argv[1:]])
+    comparison.results["command"] = printable(shlex.join(["sixsps", *sys.argv[1:]]))
     report = write_outputs(comparison, machine, folder)
     _print(terminal(comparison.results))
     typer.echo(answer(comparison.results))
@@ -127,14 +153,14 @@ def forces(
     motion: MotionName,
     output: OutputFile,
     engine: Annotated[
-        str, typer.Option(help="What computes them.", autocompletion=_complete_engine)
+        str, typer.Option(metavar="NAME", help="What computes them.", autocompletion=_complete_engine)
     ] = "kane",
     samples: Samples = None,
     cutoff: Cutoff = None,
     fit: Fit = False,
 ) -> None:
     """Write leg forces t,f1..f6 [N]. Example: sixsps forces wu2012 line --output forces.csv."""
-    from compare.inputs import load_motion
+    from compare.inputs import check_not_input, load_motion
     from compare.progress import watching
     from compare.registry import check_names
     from compare.single import engine_forces
@@ -143,6 +169,7 @@ def forces(
 
     check_names([engine])
     check_table_suffix(output)
+    check_not_input(output, mechanism, motion)
     machine = Mechanism.load(mechanism)
     path = load_motion(motion, machine, samples=samples, cutoff=cutoff, fit=fit)
     with watching(len(path)) as watch:
@@ -164,12 +191,13 @@ def ik(
     fit: Fit = False,
 ) -> None:
     """Write leg lengths t,l1..l6 [m]. Example: sixsps ik wu2012 line --rates --output lengths.csv."""
-    from compare.inputs import load_motion
+    from compare.inputs import check_not_input, load_motion
     from sixsps.kinematics import inverse_kinematics
     from sixsps.mechanism import Mechanism
     from sixsps.tables import check_table_suffix, write_table
 
     check_table_suffix(output)
+    check_not_input(output, mechanism, motion)
     machine = Mechanism.load(mechanism)
     path = load_motion(motion, machine, samples=samples, cutoff=cutoff, fit=fit)
     legs = inverse_kinematics(machine, path)
@@ -188,16 +216,16 @@ class Format(StrEnum):
 
 @app.command()
 def export(
-    format: Annotated[Format, typer.Argument(help="What to write.")],  # noqa: A002  shown in the help
+    format: Annotated[Format, typer.Argument(metavar="FORMAT", help="urdf or mjcf.")],  # noqa: A002  shown in the help
     mechanism: MechanismName,
-    output: Annotated[Path, typer.Option(help="Folder, or file name of the URDF or MJCF.")],
+    output: Annotated[Path, typer.Option(metavar="PATH", help="Folder, or file name of the URDF or MJCF.")],
 ) -> None:
     """Write URDF, closure YAML and MJCF. Example: sixsps export urdf wu2012 --output description."""
     from sixsps.mechanism import Mechanism
     from urdf.export import export_mjcf, export_urdf
 
     machine = Mechanism.load(mechanism)
-    written = (export_urdf if format is Format.urdf else export_mjcf)(machine, output, Path(mechanism))
+    written = (export_urdf if format is Format.urdf else export_mjcf)(machine, output)
     for path in written:
         typer.echo(str(path))
 
@@ -253,6 +281,9 @@ def _status(command: Callable[[], Any]) -> int:
         return 2
     except typer.Exit as stop:
         return int(stop.exit_code)
+    except OSError as error:  # standard output is full or closed
+        _warn([f"cannot print: {error.strerror}"])
+        return 1
     except (typer.Abort, KeyboardInterrupt):
         _warn(["interrupted; nothing was left half-written"])
         return 130

@@ -72,7 +72,7 @@ def write_figure(comparison: Comparison, mechanism: Mechanism, folder: Path) -> 
         figure = Figure(figsize=(10, 4.6))
         places = figure.subplot_mosaic([["view", "forces"], ["view", "errors"]], width_ratios=(1, 1.7))
         figure.subplots_adjust(left=0.02, right=0.83, bottom=0.11, top=0.94, wspace=0.25, hspace=0.1)
-        _draw_hexapod(places["view"], mechanism, comparison.motion, _first_forces(comparison))
+        _draw_hexapod(places["view"], mechanism, comparison.motion, np.nan_to_num(comparison.reference[0]))
         _draw_forces(places["forces"], comparison)
         _draw_errors(places["errors"], comparison)
         with write_atomically(path) as temporary:
@@ -80,37 +80,26 @@ def write_figure(comparison: Comparison, mechanism: Mechanism, folder: Path) -> 
     return path
 
 
-def _reference(comparison: Comparison) -> Array | None:
-    name = comparison.results["reference"]["engine"]
-    return next((o.forces for o in comparison.outcomes if o.engine == name), None)
-
-
-def _first_forces(comparison: Comparison) -> Array:
-    forces = _reference(comparison)
-    return np.zeros(6) if forces is None else np.nan_to_num(forces[0])
-
-
 def _thinned(samples: int) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, samples - 1, min(samples, _POINTS)).astype(np.intp))
 
 
 def _draw_forces(axes: Axes, comparison: Comparison) -> None:
-    forces, time = _reference(comparison), comparison.motion.time
-    if forces is not None:
-        shown = _thinned(len(time))
-        for leg in range(6):
-            axes.plot(time[shown], forces[shown, leg], color=_COLORS[leg], label=str(leg + 1))
-        axes.legend(title="leg", loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
+    forces, time = comparison.reference, comparison.motion.time
+    shown = _thinned(len(time))
+    for leg in range(6):
+        axes.plot(time[shown], forces[shown, leg], color=_COLORS[leg], label=str(leg + 1))
+    axes.legend(title="leg", loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
     axes.set_ylabel("leg force [N]\npositive: pushes")
     axes.tick_params(labelbottom=False)
 
 
 def _draw_errors(axes: Axes, comparison: Comparison) -> None:
-    reference, results = _reference(comparison), comparison.results
+    reference, results = comparison.reference, comparison.results
     axes.set_xlabel("time [s]")
     axes.set_ylabel(f"difference from\n{results['reference']['engine']}, relative")
     axes.set_yscale("log")
-    if reference is None or not np.isfinite(reference).any():
+    if not np.isfinite(reference).any():
         return
     scale, floor = np.nanmax(np.abs(reference)), np.finfo(float).eps / 8
     for index, outcome in enumerate(comparison.outcomes):

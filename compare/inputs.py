@@ -4,20 +4,27 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sixsps.errors import InputError, MotionError
+from sixsps.errors import InputError, MotionError, OutputError
 from sixsps.files import exists
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
 from sixsps.trajectories import bundled, bundled_motions, fitted
 
-# A gigabyte of motion; longer ones come from files.
-_MOST_SAMPLES = 5_000_000
+# Some gigabytes of leg kinematics, a few kilobytes a sample.
+_MOST_SAMPLES = 1_000_000
 
 
 def check_range(option: str, value: float | None, low: float, high: float) -> None:
     """Raises InputError for an option that is given and not a number from `low` to `high`."""
     if value is not None and not low <= value <= high:
         raise InputError(option, value, f"{low:g} to {high:g}")
+
+
+def check_not_input(output: Path, *inputs: str) -> None:
+    """Raises OutputError where `output` is one of the files that the command reads."""
+    for name in inputs:
+        if exists(output) and exists(Path(name)) and output.samefile(name):
+            raise OutputError("output", "an input of this command", "another file", str(output))
 
 
 def load_motion(

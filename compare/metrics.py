@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from sixsps.arrays import Array
 from sixsps.kinematics import LegKinematics
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
+from sixsps.singularity import SINGULAR_CONDITION
 
 # A float64 has 53 bits: no more decimal digits than this can agree.
 MOST_DIGITS = 53 * math.log10(2)
@@ -30,11 +32,9 @@ def worst_difference(forces: Array, reference: Array) -> Worst:
 
     Args:
         forces: (n, 6) [N].
-        reference: (n, 6) [N].
+        reference: (n, 6) [N], finite at one sample at least.
     """
     difference = np.where(np.isnan(reference), 0.0, np.abs(forces - reference))
-    if difference.size == 0:
-        return Worst(0.0, 0, 0)
     sample, leg = (int(index) for index in np.unravel_index(np.argmax(difference), difference.shape))
     return Worst(float(difference[sample, leg]), sample, leg)
 
@@ -44,8 +44,27 @@ def relative_error(forces: Array, reference: Array) -> float:
 
     Where all reference forces are zero the difference is taken relative to 1 N.
     """
-    largest = float(np.nanmax(np.abs(reference))) if np.isfinite(reference).any() else 0.0
+    largest = float(np.nanmax(np.abs(reference)))
     return worst_difference(forces, reference).value / (largest or 1.0)
+
+
+def within(forces: Array, reference: Array, allowed: Array) -> bool:
+    """Returns whether |forces - reference| stays within its tolerance at every sample.
+
+    A sample's error is taken relative to its own largest force or, where that is more, to what is
+    usual along the motion: huge forces near a singularity excuse no error elsewhere, and a sample
+    whose forces happen to vanish is not held to what rounding cannot give.
+
+    Args:
+        forces: (n, 6) [N].
+        reference: (n, 6) [N]; samples with NaN do not count.
+        allowed: (n,) relative error allowed at a sample.
+    """
+    counted = np.isfinite(reference).all(axis=1)
+    largest = np.abs(reference[counted]).max(axis=1)
+    scale = np.maximum(largest, np.median(largest))
+    difference = np.abs(forces[counted] - reference[counted]).max(axis=1)
+    return bool(np.all(difference <= allowed[counted] * np.where(scale > 0, scale, 1.0)))
 
 
 def digits(relative: float) -> float:
@@ -83,6 +102,28 @@ def power_balance(
         return PowerBalance(math.nan, math.nan)
     watts, scale = float(np.nanmax(missing)), float(np.nanmax(exchanged))
     return PowerBalance(watts, watts / scale if scale > 0 else 0.0)
+
+
+def singular_samples(motion: Motion, legs: LegKinematics) -> list[dict[str, Any]]:
+    """Returns number (from 1), time and condition number of every singular sample.
+
+    Args:
+        motion: n samples.
+        legs: `inverse_kinematics(mechanism, motion)`.
+    """
+    return [
+        {
+            "sample": int(k) + 1,
+            "t": float(motion.time[k]),
+            "condition": finite_or_none(float(legs.condition[k])),
+        }
+        for k in np.flatnonzero(legs.condition > SINGULAR_CONDITION)
+    ]
+
+
+def finite_or_none(value: float) -> float | None:
+    """Returns `value` for JSON, which has no infinity and no NaN."""
+    return value if np.isfinite(value) else None
 
 
 @dataclass(frozen=True)

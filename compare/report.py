@@ -6,10 +6,11 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
-from rich.box import SIMPLE
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
+
+from sixsps.errors import printable
 
 _MOST_SINGULAR_SHOWN = 5
 _NO_FIGURE = 'Without a picture: matplotlib is not installed (`pip install "sixsps[figures]"`).'
@@ -17,23 +18,34 @@ _LIMITATIONS = (
     "The reference is one of the formulations that are compared, in double precision: an error "
     "smaller than its bound cannot be told from the reference's own.",
     "Legs are rigid, symmetric about their axes and do not spin; joints have no friction and no play.",
-    "Length limits never change a number; samples outside are flagged.",
+    "Length limits never change the forces of a given motion, samples outside are flagged; bundled motions "
+    "and --fit are sized by them.",
+    "Which samples are singular is decided by the leg kinematics of `kane`; no engine is given those.",
+    "The power balance takes the rate of energy from the CasADi model.",
 )
 
 
 def answer(results: dict[str, Any]) -> str:
     """Returns the outcome of a comparison in one sentence."""
-    engines = results["engines"]
-    ok = [entry for entry in engines.values() if entry["status"] == "ok"]
+    engines, reference = results["engines"], results["reference"]["engine"]
+    compared = {
+        name: entry
+        for name, entry in engines.items()
+        if entry["max_rel_error"] is not None and name != reference
+    }
     wrong = [name for name, entry in engines.items() if entry["within_tolerance"] is False]
     failed = [name for name, entry in engines.items() if entry["status"] == "failed"]
     missing = [name for name, entry in engines.items() if entry["status"] == "unavailable"]
     parts = []
     if wrong:
-        parts.append(f"{_list(wrong)} {_disagree(wrong)} with {results['reference']['engine']}")
-    elif ok:
-        worst = max(entry["max_rel_error"] for entry in ok)
-        parts.append(f"{len(ok)} engines agree to {worst:.1e} of the largest leg force")
+        parts.append(f"{_list(wrong)} {'disagrees' if len(wrong) == 1 else 'disagree'} with {reference}")
+    elif compared:
+        worst = max(entry["max_rel_error"] for entry in compared.values())
+        count = len(compared) + 1
+        who = f"{count} engines agree" if count > 2 else f"{_list(compared)} agrees with {reference}"
+        parts.append(f"{who} to {worst:.1e} of the largest leg force")
+    else:
+        parts.append("nothing was compared")
     if failed:
         parts.append(f"{_list(failed)} failed")
     if missing:
@@ -42,11 +54,7 @@ def answer(results: dict[str, Any]) -> str:
     if singular:
         count = len(singular)
         parts.append(f"{count} singular sample{'s' if count > 1 else ''} without forces")
-    return "; ".join(parts) + "." if parts else "no engine gave forces."
-
-
-def _disagree(names: list[str]) -> str:
-    return "disagrees" if len(names) == 1 else "disagree"
+    return "; ".join(parts) + "."
 
 
 def _list(names: Iterable[str]) -> str:
@@ -55,47 +63,61 @@ def _list(names: Iterable[str]) -> str:
 
 def terminal(results: dict[str, Any]) -> Group:
     """Returns what a person at a terminal sees: the engines, then the mechanism, in 80 columns."""
-    table = Table(box=SIMPLE, show_edge=False, pad_edge=False)
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
     table.add_column("engine", no_wrap=True)
-    for heading in ("digits", "relative error", "largest error", "us/sample"):
+    for heading in ("digits", "relative", "error N", "t [s]", "leg", "us"):
         table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("")
+    table.add_column("version", no_wrap=True)
+    table.add_column("", no_wrap=True)
     notes = []
     for name, entry in results["engines"].items():
-        table.add_row(name, *_figures(entry), _verdict(entry))
+        figures = _figures(entry, name == results["reference"]["engine"])
+        word, style = _VERDICTS[_verdict(entry)]
+        table.add_row(name, *figures, entry["version"] or "", Text(word, style=style))
         if entry["reason"]:
-            notes.append(Text(f"{name}: {entry['reason']}"))
+            notes.append(Text(f"{name}: {printable(entry['reason'])}"))
     lines = [Text(line) for line in _summary(results)]
     return Group(table, Text(), *notes, *lines)
 
 
-def _figures(entry: dict[str, Any]) -> list[str]:
-    if entry["status"] != "ok":
-        return ["", "", "", ""]
-    digits = "reference" if entry["digits"] is None else f"{entry['digits']:.1f}"
-    largest = f"{entry['max_abs_error_N']:.1e} N"
+_VERDICTS = {
+    "ok": ("ok", "green"),
+    "wrong": ("WRONG", "bold red"),
+    "failed": ("FAILED", "bold red"),
+    "unavailable": ("absent", "yellow"),
+}
+
+
+def _verdict(entry: dict[str, Any]) -> str:
+    wrong = entry["status"] == "ok" and entry["within_tolerance"] is False
+    return "wrong" if wrong else str(entry["status"])
+
+
+def _figures(entry: dict[str, Any], is_reference: bool) -> list[str]:
+    """Returns digits, relative and absolute error, time and leg of the largest, time per sample."""
+    if entry["max_rel_error"] is None:
+        return [""] * 6
     cost = entry["microseconds_per_sample"]
-    return [digits, f"{entry['max_rel_error']:.1e}", largest, f"{cost:.1f}" if cost else ""]
-
-
-def _verdict(entry: dict[str, Any]) -> Text:
-    if entry["status"] != "ok":
-        return Text(entry["status"], style="red" if entry["status"] == "failed" else "yellow")
-    if entry["within_tolerance"]:
-        return Text("ok", style="green")
+    spent = f"{cost:.1f}" if cost is not None else ""
+    if is_reference:
+        return ["ref.", "", "", "", "", spent]
     worst = entry["worst"]
-    return Text(f"wrong: leg {worst['leg']}, t = {worst['t']:g} s", style="red")
+    errors = [f"{entry['max_rel_error']:.1e}", f"{entry['max_abs_error_N']:.1e}"]
+    return [f"{entry['digits']:.1f}", *errors, f"{worst['t']:.5g}", str(worst["leg"]), spent]
 
 
 def _summary(results: dict[str, Any]) -> list[str]:
     legs, condition = results["legs"], results["max_condition"]
     shortest, longest = _extremes(legs, "length_min_m"), _extremes(legs, "length_max_m")
     lowest, highest = _extremes(legs, "force_min_N"), _extremes(legs, "force_max_N")
+    balance = results["power_balance_reason"] or (
+        f"{_number(results['power_balance_residual'])} of the power exchanged"
+    )
     lines = [
         f"leg lengths {_number(min(shortest, default=None))} to {_number(max(longest, default=None))} m, "
         f"forces {_number(min(lowest, default=None))} to {_number(max(highest, default=None))} N, "
         f"cond(J) up to {_number(condition['value'])}",
-        f"power balance residual {_number(results['power_balance_residual'])} of the power exchanged",
+        f"power balance residual: {balance}",
     ]
     if results["mechanism"]["assumed"]:
         lines.append("assumed, not given by the source: " + ", ".join(results["mechanism"]["assumed"]))
@@ -168,28 +190,27 @@ def markdown(results: dict[str, Any], figure: str | None = None) -> str:
 
 def _engines(results: dict[str, Any]) -> str:
     header = (
-        "engine", "version", "digits", "relative error", "allowed", "largest error [N]", "at",
+        "engine", "version", "digits", "relative error", "allowed", "largest error [N]", "at t [s]", "leg",
         "closure residual", "closure error [m]", "time per sample [us]", "status",
     )  # fmt: skip
+    reference = results["reference"]
     rows = []
     for name, entry in results["engines"].items():
-        worst, ok = entry["worst"], entry["status"] == "ok"
-        where = f"t = {worst['t']:g} s, leg {worst['leg']}" if worst and entry["digits"] else ""
-        digits, relative, absolute, cost = _figures(entry)
-        status = entry["status"] if not ok or entry["within_tolerance"] else "**disagrees**"
+        digits, relative, absolute, when, leg, cost = _figures(entry, name == reference["engine"])
+        verdict = _verdict(entry)
         rows.append(
             (
-                name, entry["version"] or "", digits, relative, f"{entry['tolerance_rel']:.1e}",
-                absolute.removesuffix(" N"), where, _small(entry["closure_residual"]),
-                _small(entry["closure_error_m"]), cost, status,
+                name, entry["version"] or "", digits, relative, f"{entry['tolerance_rel']:.1e}", absolute,
+                when, leg, _small(entry["closure_residual"]), _small(entry["closure_error_m"]), cost,
+                "**disagrees**" if verdict == "wrong" else verdict,
             )
         )  # fmt: skip
-    reference = results["reference"]
     note = (
         f"Errors are against `{reference['engine']}`, whose own rounding error is below "
         f"{reference['bound']:.1e} relative ({reference['reason']}). Relative error: largest difference "
-        "over all samples and legs, divided by the largest reference force. Closure residual: what "
-        "actuator and closure forces leave of the open tree's generalised forces [N, N m]."
+        "over all samples and legs, divided by the largest reference force; the verdict is made sample by "
+        "sample, and `allowed` is the largest of the samples' tolerances. Closure residual: what actuator "
+        "and closure forces leave of the open tree's generalised forces [N, N m]."
     )
     return _table(header, rows) + "\n\n" + note
 
@@ -242,6 +263,7 @@ def _inputs(results: dict[str, Any]) -> str:
         f"- Motion `{_code(motion['name'])}`, {motion['samples']} samples from {motion['start_s']:g} to "
         f"{motion['end_s']:g} s, SHA-256 of its numbers `{motion['sha256']}`."
     )
+    lines += [f"- Changed: {_escaped(change)}." for change in motion["changes"]]
     for quantity, how in motion["estimated"].items():
         lines.append(f"- Estimated from the poses, not given: {quantity}: {_escaped(how)}.")
     return "\n".join(lines)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from compare.comparison import singular_samples
+from compare.metrics import singular_samples
 from compare.registry import ENGINES
 from compare.report import singular_lines
 from compare.runner import Watcher, run

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sixsps.arrays import Array
+
 UNIT_ROUNDOFF = float(np.finfo(np.float64).eps) / 2
 
 AGREEMENT = 1e-10
@@ -19,8 +21,9 @@ class Tolerance:
 
     Attributes:
         agreement: relative error that is allowed anywhere.
-        rounding_factor: what its rounding errors may reach, in units of cond(J) times unit roundoff;
-            takes over from `agreement` near singularities, where no double-precision solve is better.
+        rounding_factor: what its rounding errors may reach, in units of unit roundoff times
+            `LegKinematics.error_growth`; takes over from `agreement` near singularities, where no
+            double-precision solve is better.
         reason: why these figures.
     """
 
@@ -28,14 +31,15 @@ class Tolerance:
     rounding_factor: float
     reason: str
 
-    def relative(self, condition: float) -> float:
-        """Returns the relative error allowed where cond(J) is at most `condition`."""
-        return max(self.agreement, self.rounding_factor * condition * UNIT_ROUNDOFF)
+    def relative(self, error_growth: Array) -> Array:
+        """Returns the (n,) relative errors allowed at samples with these `error_growth`."""
+        return np.maximum(self.agreement, self.rounding_factor * error_growth * UNIT_ROUNDOFF)
 
 
 _ROUNDING = (
-    "backward stable solve of J F = C; differences between engines stay below 6 on 1000 random states "
-    "of 200 random mechanisms, and another state may be a few times worse"
+    "backward stable solve of J F = C from rounded coordinates; differences between engines stay below "
+    "6 x cond(J) x unit roundoff on 1000 random states of 200 random mechanisms, and another state may be "
+    "a few times worse"
 )
 
 TOLERANCES: dict[str, Tolerance] = {
@@ -46,6 +50,6 @@ TOLERANCES: dict[str, Tolerance] = {
 }
 
 
-def rounding_bound(engine: str, condition: float) -> float:
-    """Returns the relative rounding error that `engine` may have where cond(J) <= `condition`."""
-    return TOLERANCES[engine].rounding_factor * condition * UNIT_ROUNDOFF
+def rounding_bound(engine: str, error_growth: float) -> float:
+    """Returns the relative rounding error that `engine` may have at this `error_growth`."""
+    return TOLERANCES[engine].rounding_factor * error_growth * UNIT_ROUNDOFF

@@ -96,6 +96,8 @@ def complete(arrays: dict[str, Array], cutoff: float | None, name: str) -> Motio
         raise MotionError("cutoff", cutoff, "a finite frequency > 0 [Hz]")
     missing = [field for field in _DERIVATIVES if field not in arrays]
     estimated: dict[str, str] = {}
+    if cutoff is not None and not missing:
+        raise MotionError("cutoff", cutoff, "none where twist and acceleration are given")
     if missing:
         time, position = arrays["time"], arrays["position"]
         still = np.tile([1.0, 0.0, 0.0, 0.0], (len(time), 1))
@@ -113,7 +115,7 @@ def complete(arrays: dict[str, Array], cutoff: float | None, name: str) -> Motio
             f"({chosen}), residual {found.rotation_noise:.2g} rad RMS"
         )
         estimated = {field: turning if "angular" in field else translation for field in missing}
-    return Motion(**arrays, name=name, estimated=estimated)
+    return Motion(**arrays, name=name, estimated=estimated)  # type: ignore[arg-type]
 
 
 def _check_poses(time: Array, position: Array, quaternion: Array) -> None:

@@ -35,6 +35,7 @@ class LegKinematics:
         lower_acceleration: (n, 6, 3) [m/s^2].
         upper_velocity: (n, 6, 3) of the upper links' centres of mass [m/s].
         upper_acceleration: (n, 6, 3) [m/s^2].
+        coordinates: (n,) largest coordinate that a leg vector is the difference of [m].
         characteristic_length: length that makes `condition` independent of units [m].
     """
 
@@ -52,6 +53,7 @@ class LegKinematics:
     lower_acceleration: Array
     upper_velocity: Array
     upper_acceleration: Array
+    coordinates: Array
     characteristic_length: float
 
     @cached_property
@@ -67,6 +69,14 @@ class LegKinematics:
         """(n,) condition number of the Jacobian, angular columns over the characteristic length."""
         return condition_numbers(self.jacobian, self.lengths, self.characteristic_length)
 
+    @cached_property
+    def error_growth(self) -> Array:
+        """(n,) what unit roundoff is multiplied by on its way to the forces, up to a small factor.
+
+        Rounding of coordinates, relative to the shortest leg, times the condition number of the solve.
+        """
+        return self.condition * (1 + self.coordinates / self.lengths.min(axis=1))
+
 
 def inverse_kinematics(mechanism: Mechanism, motion: Motion) -> LegKinematics:
     """Returns the motion of the legs that a motion of the platform imposes (paper section 4).
@@ -81,7 +91,8 @@ def inverse_kinematics(mechanism: Mechanism, motion: Motion) -> LegKinematics:
     omega = motion.angular_velocity[:, None]
     epsilon = motion.angular_acceleration[:, None]
     c = np.einsum("nij,kj->nki", motion.rotation, mechanism.platform_anchors)
-    S = motion.position[:, None] + c - mechanism.base_anchors
+    # In this order a world frame far away costs no digits of c.
+    S = (motion.position[:, None] - mechanism.base_anchors) + c
     turning = np.cross(omega, c)
     dS = motion.velocity[:, None] + turning
     ddS = motion.acceleration[:, None] + np.cross(epsilon, c) + np.cross(omega, turning)
@@ -110,6 +121,7 @@ def inverse_kinematics(mechanism: Mechanism, motion: Motion) -> LegKinematics:
         lower_acceleration=e_d * dds,
         upper_velocity=dS - e_u * ds,
         upper_acceleration=ddS - e_u * dds,
+        coordinates=np.maximum(np.abs(motion.position).max(axis=1), np.abs(mechanism.base_anchors).max()),
         characteristic_length=mechanism.characteristic_length,
     )
 

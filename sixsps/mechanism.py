@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from numbers import Real
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -33,8 +34,8 @@ def _positive(value: float, place: str, unit: str) -> None:
 def _number(value: float, place: str, unit: str) -> None:
     if isinstance(value, bool) or not isinstance(value, Real):
         raise MechanismError(place, value, f"a number [{unit}]")
-    if not abs(value) <= LARGEST:
-        raise MechanismError(place, value, f"a finite number [{unit}]")
+    if not abs(float(value)) <= LARGEST:
+        raise MechanismError(place, value, f"a finite number up to {LARGEST:g} [{unit}]")
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Link:
 
     Attributes:
         mass: [kg], > 0.
-        length: [m], > 0; sets the default length limits and the drawing, no force depends on it.
+        length: [m], > 0; sets the default length limits and the drawing, no force of a given motion.
         com: distance of the centre of mass from the link's own joint (A for the lower, B for the
             upper link) towards the other [m].
         transverse: moment of inertia about any axis across the leg through the com [kg m^2], > 0.
@@ -66,6 +67,8 @@ class Link:
         _number(self.com, "com", "m")
         _positive(self.transverse, "inertia.transverse", "kg m^2")
         _positive(self.axial, "inertia.axial", "kg m^2")
+        for name in ("mass", "length", "com", "transverse", "axial"):
+            object.__setattr__(self, name, float(getattr(self, name)))
         if self.axial > 2 * self.transverse * (1 + _ROUNDING):
             allowed = f"at most twice the transverse inertia, {2 * self.transverse!r} kg m^2"
             raise MechanismError("inertia.axial", self.axial, allowed)
@@ -86,6 +89,7 @@ class Link:
         _positive(mass, "mass", "kg")
         _positive(length, "length", "m")
         _positive(radius, "radius", "m")
+        mass, length, radius = float(mass), float(length), float(radius)
         transverse = mass * (3 * radius**2 + length**2) / 12
         return cls(mass, length, length / 2 if com is None else com, transverse, mass * radius**2 / 2)
 
@@ -98,7 +102,7 @@ class Leg:
         lower: the cylinder, turning about A.
         upper: the rod, turning about B.
         length_limits: shortest and longest distance A to B [m], by default what the lengths of the
-            links allow; never changes a number, only flags samples outside.
+            links allow; never changes the forces of a given motion, only flags samples outside.
 
     Raises:
         MechanismError: the limits are not 0 <= shortest < longest.
@@ -137,6 +141,7 @@ class Platform:
 
     def __post_init__(self) -> None:
         _positive(self.mass, "platform.mass", "kg")
+        object.__setattr__(self, "mass", float(self.mass))
         object.__setattr__(self, "com", frozen(self.com, (3,), "platform.com", MechanismError))
         inertia = frozen(self.inertia, (3, 3), "platform.inertia", MechanismError)
         if np.abs(inertia - inertia.T).max() > _ROUNDING * np.abs(inertia).max():
@@ -207,6 +212,7 @@ class Mechanism:
             value = frozen(getattr(self, attribute), shape, place, MechanismError)
             object.__setattr__(self, attribute, value)
         object.__setattr__(self, "legs", tuple(self.legs))
+        object.__setattr__(self, "assumed", MappingProxyType(dict(self.assumed)))
         if len(self.legs) != 6:
             raise MechanismError("legs", f"{len(self.legs)} legs", "six legs")
         _check_regular_somewhere(self)
@@ -284,9 +290,16 @@ class Mechanism:
 
     @cached_property
     def sha256(self) -> str:
-        """SHA-256 of the mechanism's numbers and name, whatever the layout of its file."""
-        text = json.dumps(self.to_mapping(), sort_keys=True)
+        """SHA-256 of the mechanism's numbers, whatever its name and the layout of its file."""
+        mapping = self.to_mapping()
+        numbers = {key: mapping[key] for key in ("gravity", "base", "platform", "legs")}
+        text = json.dumps(numbers, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
+
+    def __reduce__(self) -> tuple[type[Mechanism], tuple[Any, ...]]:
+        """Pickles such that what comes back is frozen again."""
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return Mechanism, tuple((values | {"assumed": dict(self.assumed)}).values())
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Mechanism) and self.to_mapping() == other.to_mapping()

@@ -219,7 +219,9 @@ def _explained(error: ValidationError, document: Document) -> MechanismError:
     allowed = _ALLOWED.get(kind, detail["msg"])
     if kind == "missing":
         value = "missing"
-    elif kind == "extra_forbidden":
+    elif isinstance(value, str):
+        value = repr(value)  # with the quotes that tell text from a number
+    if kind == "extra_forbidden":
         allowed = _known_keys(path[:-1])
     elif kind in ("too_short", "too_long"):
         context: dict[str, Any] = detail["ctx"]

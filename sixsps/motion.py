@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,6 +44,7 @@ class Motion:
         moment: (n, 3) external moment on the platform [N m]; 0 by default.
         name: what to call it in reports.
         estimated: quantity -> how it was estimated, for everything that was not given.
+        changes: what was done to the motion since it was given.
 
     Raises:
         MotionError: shapes differ, an entry is not finite, times do not increase, or a quaternion
@@ -59,6 +62,7 @@ class Motion:
     moment: Array = None  # type: ignore[assignment]
     name: str = "motion"
     estimated: Mapping[str, str] = field(default_factory=dict)
+    changes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         time = frozen(self.time, (None,), "time", MotionError)
@@ -67,13 +71,14 @@ class Motion:
         check_time(time, "index {}".format)
         for name in _VECTORS:
             given = getattr(self, name)
-            value = np.zeros((n, 3)) if given is None else given
+            value = np.zeros((n, 3)) if given is None and name in ("force", "moment") else given
             object.__setattr__(self, name, frozen(value, (n, 3), name, MotionError))
         given = self.quaternion
         quaternion = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)) if given is None else given
         quaternion = frozen(quaternion, (n, 4), "quaternion", MotionError)
         check_quaternion(quaternion, "index {}".format)
         object.__setattr__(self, "quaternion", quaternion)
+        object.__setattr__(self, "estimated", MappingProxyType(dict(self.estimated)))
 
     @classmethod
     def load(cls, path: str | Path, *, cutoff: float | None = None) -> Motion:
@@ -142,10 +147,13 @@ class Motion:
 
     def __getitem__(self, samples: slice | NDArray[np.bool_]) -> Motion:
         columns = {name: getattr(self, name)[samples] for name in (*_VECTORS, "time", "quaternion")}
-        part = Motion(**columns, name=self.name, estimated=self.estimated)
-        if "rotation" in self.__dict__:
-            part.__dict__["rotation"] = self.rotation[samples]
-        return part
+        words = {"name": self.name, "estimated": self.estimated, "changes": self.changes}
+        return _rebuilt(columns | words, self.rotation[samples] if "rotation" in self.__dict__ else None)
+
+    def __reduce__(self) -> tuple[Callable[..., Motion], tuple[Any, ...]]:
+        """Pickles such that what comes back is frozen again."""
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return _rebuilt, (values | {"estimated": dict(self.estimated)}, self.__dict__.get("rotation"))
 
     @cached_property
     def rotation(self) -> Array:
@@ -153,6 +161,8 @@ class Motion:
         # Imported here: it takes longer than most motions, and engines get the matrices ready made.
         from scipy.spatial.transform import Rotation
 
+        if len(self) == 0:
+            return np.empty((0, 3, 3))
         matrices: Array = Rotation.from_quat(self.quaternion, scalar_first=True).as_matrix()
         matrices.setflags(write=False)
         return matrices
@@ -164,6 +174,15 @@ class Motion:
         for name in ("time", "quaternion", *_VECTORS):
             digest.update(np.ascontiguousarray(getattr(self, name), dtype="<f8").tobytes())
         return digest.hexdigest()
+
+
+def _rebuilt(values: dict[str, Any], rotation: Array | None) -> Motion:
+    """Returns a motion, with the matrices that another one has already worked out."""
+    motion = Motion(**values)
+    if rotation is not None:
+        rotation.setflags(write=False)
+        motion.__dict__["rotation"] = rotation
+    return motion
 
 
 def check_time(time: Array, row: Callable[[int], str]) -> None:

@@ -294,8 +294,9 @@ def evaluate(function: ca.Function, mechanism: Mechanism, motion: Motion) -> dic
     columns["parameters"] = parameter_vector(mechanism)[:, None]
     # CasADi evaluates every sample that shares one column of parameters in a single call.
     inputs = [ca.DM(columns[function.name_in(i)]) for i in range(function.n_in())]
-    results = function.call(inputs)
-    stacked = {}
+    results = function.call(inputs) if len(motion) else []
+    sizes = [(function.name_out(i), function.size_out(i)) for i in range(function.n_out())]
+    stacked = {name: np.empty((0, *size) if size[1] > 1 else (0, size[0])) for name, size in sizes}
     for index, result in enumerate(results):
         rows, width = function.size_out(index)
         blocks = np.asarray(result.full()).reshape(rows, len(motion), width).swapaxes(0, 1)

@@ -6,6 +6,7 @@ scipy is imported where it is used: it would take most of the time of a short co
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -262,19 +263,21 @@ def fitted(motion: Motion, mechanism: Mechanism) -> Motion:
     middle = (motion.position.min(axis=0) + motion.position.max(axis=0)) / 2
     reach = float(np.linalg.norm(motion.position - middle, axis=1).max())
     scale = min(_MARGIN * float(room.min()) / reach, _MOST_ENLARGED) if reach > 0 else 1.0
-    return Motion(
-        time=motion.time,
-        position=home + scale * (motion.position - middle),
-        quaternion=motion.quaternion,
-        velocity=scale * motion.velocity,
-        angular_velocity=motion.angular_velocity,
-        acceleration=scale * motion.acceleration,
-        angular_acceleration=motion.angular_acceleration,
-        force=motion.force,
-        moment=motion.moment,
-        name=motion.name,
-        estimated=motion.estimated,
+    change = (
+        f"translation scaled by {scale:.6g} about {_shown(middle)} m, which was moved to the home position "
+        f"{_shown(home)} m; orientation as given"
     )
+    return replace(
+        motion,
+        position=home + scale * (motion.position - middle),
+        velocity=scale * motion.velocity,
+        acceleration=scale * motion.acceleration,
+        changes=(*motion.changes, change),
+    )
+
+
+def _shown(vector: Array) -> str:
+    return "[" + ", ".join(f"{value:.6g}" for value in vector + 0.0) + "]"
 
 
 def bundled_motions() -> list[str]:
@@ -285,8 +288,8 @@ def bundled_motions() -> list[str]:
 def bundled(name: str, mechanism: Mechanism, samples: int = SAMPLES) -> Motion:
     """Returns a bundled motion, placed at the mechanism's home and sized to its stroke.
 
-    `line` on `wu2012` is the paper's own: from [0, 0.2, 0.45] m at [0, 0.1, 0] m/s with
-    [0, 0.1, 0] m/s^2 for 2 s. All carry the paper's external force.
+    `line` on a mechanism with the anchors of `wu2012` is the paper's own: from [0, 0.2, 0.45] m at
+    [0, 0.1, 0] m/s with [0, 0.1, 0] m/s^2 for 2 s. All carry the paper's external force.
 
     Args:
         name: one of `bundled_motions()`.
@@ -298,10 +301,18 @@ def bundled(name: str, mechanism: Mechanism, samples: int = SAMPLES) -> Motion:
     """
     if name not in _BUNDLED:
         raise UnknownNameError("motion", name, ", ".join(bundled_motions()))
-    if name == "line" and mechanism.name == "wu2012":
+    if name == "line" and _is_the_papers(mechanism):
         return line(np.linspace(0, 2, samples), [0, 0.2, 0.45], [0, 0.1, 0], [0, 0.1, 0], PAPER_FORCE)
     stroke = float(np.diff(mechanism.length_limits).min())
     return _BUNDLED[name](home_position(mechanism), stroke, samples)
+
+
+def _is_the_papers(mechanism: Mechanism) -> bool:
+    """Whether the anchors are those of `wu2012`, for which the paper's line was planned."""
+    paper = Mechanism.load("wu2012")
+    return np.array_equal(mechanism.base_anchors, paper.base_anchors) and np.array_equal(
+        mechanism.platform_anchors, paper.platform_anchors
+    )
 
 
 def _line(home: Array, stroke: float, samples: int) -> Motion:

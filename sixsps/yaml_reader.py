@@ -99,7 +99,7 @@ def read_document(content: bytes, source: str) -> Document:
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 0
         problem = error.problem or "cannot be parsed"
-        raise MechanismError(f"line {line}", problem, "YAML without object tags", source) from None
+        raise MechanismError(f"line {line}", problem, "well-formed YAML", source) from None
     except (ValueError, OverflowError) as error:  # an escape that is no character
         raise MechanismError("the file", str(error), "Unicode text", source) from None
     except RecursionError:

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from texts import MECHANISM, edited
@@ -203,3 +204,39 @@ def test_the_files_that_the_cases_start_from_are_good(tmp_path):
     process = run(tmp_path, "ik", "bench.yaml", "path.csv", "--output", "lengths.csv")
     assert (process.returncode, process.stdout, process.stderr) == (0, "", "")
     assert len((tmp_path / "lengths.csv").read_text().splitlines()) == 4
+
+
+def test_exporting_a_bundled_mechanism_does_not_overwrite_a_mechanism_file_of_that_name(tmp_path):
+    put(tmp_path / "wu2012.yaml", MECHANISM)
+    line = refused(tmp_path, "export", "urdf", "wu2012", "--output", ".")
+    assert "holds no closures" in line
+    assert (tmp_path / "wu2012.yaml").read_text() == MECHANISM
+    assert [path.name for path in tmp_path.iterdir()] == ["wu2012.yaml"]
+
+
+@pytest.mark.parametrize("command", ["ik", "forces"])
+def test_an_output_that_is_an_input_is_refused(tmp_path, command):
+    motion = csv(ROW_1, ROW_2, ROW_3)
+    put(tmp_path / "path.csv", motion)
+    line = refused(tmp_path, command, "wu2012", "path.csv", "--output", "path.csv")
+    assert "an input of this command" in line
+    assert (tmp_path / "path.csv").read_text() == motion
+
+
+def test_a_cutoff_where_nothing_is_estimated_is_refused(tmp_path):
+    put(tmp_path / "path.csv", csv(ROW_1, ROW_2, ROW_3))
+    line = refused(tmp_path, "ik", "wu2012", "path.csv", "--cutoff", "5", "--output", "l.csv")
+    assert "cutoff: 5.0" in line
+
+
+def test_standard_output_that_cannot_be_written_is_one_line(tmp_path):
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "compare", "export", "mjcf", "wu2012", "--output", "out"],
+            cwd=tmp_path,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr

@@ -1,6 +1,7 @@
 """Mechanism, Platform, Leg and Link: what they refuse, and that nothing in them can be written."""
 
 import math
+import pickle
 from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
@@ -162,5 +163,33 @@ def test_arrays_given_to_a_mechanism_are_copied():
 def test_mechanisms_differ_by_any_number_and_by_name():
     assert replace(BENCH, gravity=[0, 0, -9.80665]) != BENCH
     assert replace(BENCH, name="other") != BENCH
-    assert replace(BENCH, name="other").sha256 != BENCH.sha256
     assert BENCH != "bench"
+
+
+def test_the_hash_is_of_the_numbers_alone():
+    assert replace(BENCH, name="other", source="a book").sha256 == BENCH.sha256
+    assert replace(BENCH, gravity=[0, 0, -9.80665]).sha256 != BENCH.sha256
+
+
+def test_comes_back_from_a_pickle_equal_and_frozen():
+    again = pickle.loads(pickle.dumps(replace(BENCH, assumed={"gravity": "why"})))
+    assert again == replace(BENCH, assumed={"gravity": "why"})
+    with pytest.raises(ValueError, match="read-only"):
+        again.gravity[0] = 1
+    with pytest.raises(TypeError):
+        again.assumed["x"] = "y"
+
+
+def test_assumed_is_a_copy():
+    given = {"gravity": "why"}
+    mechanism = replace(BENCH, assumed=given)
+    given["mass"] = "changed behind its back"
+    assert dict(mechanism.assumed) == {"gravity": "why"}
+
+
+def test_single_precision_scalars_are_taken_as_their_double():
+    link = Link(np.float32(0.5), np.float32(0.45), np.float32(0.2), np.float32(0.008), np.float32(1e-4))
+    assert type(link.mass) is float
+    assert link.mass == 0.5
+    cylinder = Link.solid_cylinder(np.float32(0.5), np.float32(0.5), np.float32(0.25))
+    assert cylinder == Link.solid_cylinder(0.5, 0.5, 0.25)

@@ -1,5 +1,6 @@
 """Motion made in Python, from all its columns or from poses alone: what it keeps, estimates and refuses."""
 
+import dataclasses
 import math
 from dataclasses import FrozenInstanceError
 
@@ -122,3 +123,34 @@ def test_unusable_poses_are_refused(changed, place):
     with pytest.raises(MotionError) as caught:
         Motion.from_poses(**(poses | changed))
     assert place in caught.value.place
+
+
+def test_no_samples_at_all_give_empty_arrays():
+    import sixsps
+    from sixsps import symbolic
+
+    mechanism = sixsps.Mechanism.load("wu2012")
+    nothing = still()[:0]
+    assert sixsps.inverse_kinematics(mechanism, nothing).lengths.shape == (0, 6)
+    assert sixsps.inverse_dynamics(mechanism, nothing).shape == (0, 6)
+    assert sixsps.inverse_dynamics(mechanism, nothing, formulation="casadi").shape == (0, 6)
+    assert symbolic.evaluate(symbolic.equations(), mechanism, nothing)["J"].shape == (0, 6, 6)
+
+
+@pytest.mark.parametrize("name", ["position", "velocity", "acceleration", "angular_velocity"])
+def test_what_has_no_default_is_not_taken_as_zero(name):
+    with pytest.raises(MotionError, match=name):
+        dataclasses.replace(still(), **{name: None})
+
+
+def test_comes_back_from_a_pickle_frozen_and_with_its_matrices():
+    import pickle
+
+    motion = still()
+    assert motion.rotation.shape == (len(motion), 3, 3)
+    again = pickle.loads(pickle.dumps(motion))
+    assert again.sha256 == motion.sha256
+    assert np.array_equal(again.__dict__["rotation"], motion.rotation)
+    for array in (again.position, again.rotation):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1

@@ -226,3 +226,15 @@ def test_fitted_derivatives_are_still_those_of_the_position(mechanism):
     for values, rates in ((motion.position, motion.velocity), (motion.velocity, motion.acceleration)):
         found = derivative(values, step)
         np.testing.assert_allclose(rates[4:-4], found, rtol=0, atol=derivative_bound(values, step))
+
+
+def test_the_papers_line_goes_with_the_anchors_and_not_with_the_name():
+    from dataclasses import replace
+
+    paper = Mechanism.load("wu2012")
+    start = bundled("line", paper, 2).position[0]
+    assert np.array_equal(bundled("line", replace(paper, name="mine"), 2).position[0], start)
+    larger = replace(
+        paper, base_anchors=10 * paper.base_anchors, platform_anchors=10 * paper.platform_anchors
+    )
+    assert not np.array_equal(bundled("line", larger, 2).position[0], start)

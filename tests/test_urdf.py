@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 import yaml
 from cases import BUNDLED, random_mechanism
+from scipy.spatial.transform import Rotation
 
 import urdf
-from sixsps.mechanism import Mechanism
+from sixsps.mechanism import Mechanism, Platform
 from sixsps.trajectories import home_position
 from urdf.export import export_mjcf, export_urdf, file_stem
 
@@ -157,6 +158,19 @@ class TestMjcf:
         for i, leg in zip(LEGS, any_mechanism.legs, strict=True):
             assert model.body(f"leg{i}_lower").mass[0] == leg.lower.mass
             assert model.body(f"leg{i}_upper").mass[0] == leg.upper.mass
+
+    @pytest.mark.parametrize("seed", range(30))
+    def test_turned_thin_plates_load_in_mujoco(self, wu2012, seed):
+        """Equality in the triangle inequality, which rounding breaks one way or the other."""
+        mujoco = pytest.importorskip("mujoco")
+        turn = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+        inertia = turn @ np.diag([0.0025, 0.0025, 0.005]) @ turn.T
+        platform = Platform(1.0, [0.01, 0.02, 0.03], (inertia + inertia.T) / 2)
+        turned = dataclasses.replace(wu2012, platform=platform)
+        model = mujoco.MjModel.from_xml_string(urdf.render_mjcf(turned))
+        body = model.body("platform")
+        axes = Rotation.from_quat(body.iquat, scalar_first=True).as_matrix()
+        np.testing.assert_allclose(axes @ np.diag(body.inertia) @ axes.T, inertia, atol=1e-16)
 
     def test_is_assembled_at_home_in_mujoco(self, any_mechanism):
         mujoco = pytest.importorskip("mujoco")

@@ -16,21 +16,19 @@ from urdf.render import render_urdf
 _LONGEST_STEM = 60
 
 
-def export_urdf(mechanism: Mechanism, output: Path, keep: Path | None = None) -> list[Path]:
+def export_urdf(mechanism: Mechanism, output: Path) -> list[Path]:
     """Writes URDF, the loop closures beside it, and MJCF.
 
     Args:
         mechanism: geometry and inertia.
         output: folder, made where its parent exists; or the name of the URDF file, beside which
             the others are written.
-        keep: file that must not be overwritten: the mechanism's own, which may have the name of
-            the closure YAML.
 
     Returns:
         Paths of the URDF, the closure YAML and the MJCF.
 
     Raises:
-        OutputError: `output` cannot be written.
+        OutputError: `output` cannot be written, or a mechanism file has the name of the closure YAML.
     """
     urdf = _target(mechanism, output, ".urdf")
     contents = {
@@ -38,12 +36,12 @@ def export_urdf(mechanism: Mechanism, output: Path, keep: Path | None = None) ->
         urdf.with_suffix(".yaml"): render_closures(),
         urdf.with_suffix(".xml"): render_mjcf(mechanism),
     }
-    return _write(contents, keep)
+    return _write(contents)
 
 
-def export_mjcf(mechanism: Mechanism, output: Path, keep: Path | None = None) -> list[Path]:
+def export_mjcf(mechanism: Mechanism, output: Path) -> list[Path]:
     """Writes MJCF to a folder or, where `output` ends in .xml, to that file; see `export_urdf`."""
-    return _write({_target(mechanism, output, ".xml"): render_mjcf(mechanism)}, keep)
+    return _write({_target(mechanism, output, ".xml"): render_mjcf(mechanism)})
 
 
 def file_stem(name: str) -> str:
@@ -58,11 +56,16 @@ def _target(mechanism: Mechanism, output: Path, suffix: str) -> Path:
     return output_folder(output) / (file_stem(mechanism.name) + suffix)
 
 
-def _write(contents: dict[Path, str], keep: Path | None) -> list[Path]:
+def _write(contents: dict[Path, str]) -> list[Path]:
     """Writes all files or, where one of them cannot be written, none."""
     with ExitStack() as stack:
         for path, text in contents.items():
-            if keep is not None and exists(keep) and exists(path) and path.samefile(keep):
-                raise OutputError("output", "the mechanism file itself", "another name", str(path))
+            if (
+                path.suffix == ".yaml"
+                and exists(path)
+                and "closed_loop" not in path.read_text("utf-8", "replace")
+            ):
+                found = "a YAML file that holds no closures, perhaps the mechanism"
+                raise OutputError("output", found, "a name that is free, or that of closures", str(path))
             stack.enter_context(write_atomically(path)).write_text(text, encoding="utf-8")
     return list(contents)

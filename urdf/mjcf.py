@@ -13,7 +13,9 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from sixsps.arrays import Array
 from sixsps.mechanism import Leg, Link, Mechanism
 from urdf.closures import CLOSURES, LEGS
 from urdf.layout import LOWER_RADIUS, UPPER_RADIUS, Disc, Layout, LegLayout, provenance
@@ -89,17 +91,28 @@ def _platform(base: ET.Element, mechanism: Mechanism, layout: Layout) -> None:
         )  # fmt: skip
     ET.SubElement(body, "joint", name="platform_ball", type="ball")
     platform = mechanism.platform
-    i = platform.inertia
-    diagonal = not np.any(i - np.diag(np.diag(i)))
     inertial = {"pos": _text(platform.com), "mass": repr(float(platform.mass))}
-    if diagonal:
-        inertial["diaginertia"] = _text(np.diag(i))
-    else:
-        inertial["fullinertia"] = _text((i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]))
-    ET.SubElement(body, "inertial", inertial)
+    ET.SubElement(body, "inertial", inertial | _principal(platform.inertia))
     _disc(body, layout.platform, "orange")
     for index, anchor in zip(LEGS, mechanism.platform_anchors, strict=True):
         ET.SubElement(body, "site", name=f"platform_anchor{index}", pos=_text(anchor))
+
+
+def _principal(inertia: Array) -> dict[str, str]:
+    """Returns the inertia as principal moments and axes.
+
+    MuJoCo refuses moments that miss the triangle inequality by a rounding, as those of a thin plate
+    may once it is turned; the largest one is therefore cut at the sum of the others.
+    """
+    if np.any(inertia - np.diag(np.diag(inertia))):
+        moments, axes = np.linalg.eigh(inertia)
+        axes[:, 0] *= np.linalg.det(axes)
+        turn = {"quat": _text(Rotation.from_matrix(axes).as_quat(scalar_first=True))}
+    else:
+        moments, turn = np.array(np.diag(inertia)), {}
+    largest = int(np.argmax(moments))
+    moments[largest] = min(moments[largest], np.delete(moments, largest).sum())
+    return {"diaginertia": _text(moments)} | turn
 
 
 def _closures(root: ET.Element) -> None:

@@ -16,7 +16,7 @@ class Casadi:
 
     formulation = "Jourdain's principle, derivatives of positions by CasADi"
     loops = "none to close: leg vectors as functions of the platform pose"
-    shares = "the threshold of singularity with kane"
+    shares = "the threshold of singularity with kane; gives the rate of energy of the power balance"
 
     def __init__(self, mechanism: Mechanism) -> None:
         self._mechanism = mechanism

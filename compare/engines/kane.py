@@ -15,7 +15,7 @@ class Kane:
 
     formulation = "Kane's method, Wu, Xiong & Kong (2012) corrected"
     loops = "none to close: leg motion in closed form"
-    shares = "its leg kinematics also gives lengths and condition numbers of the report"
+    shares = "its leg kinematics gives lengths, condition numbers and singular samples of the report"
 
     def __init__(self, mechanism: Mechanism) -> None:
         self._mechanism = mechanism

@@ -27,6 +27,8 @@ from urdf import parse_closures, render_closures, render_mjcf, render_urdf
 from urdf.closures import CLOSURES
 
 _PROGRESS_STEP = 100
+# Rounding grows with the inverse square of this cosine; at 1e-2 four digits of sixteen are gone.
+_GIMBAL_LOCK = 1e-2
 _LEGS = range(1, 7)
 _WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
@@ -132,6 +134,12 @@ class _UrdfTree(_Tree):
         x, y, z = directions.T
         # z axis of Rx(q1) Ry(q2); the third angle turns the leg about itself, which it does not feel.
         about_y = np.arctan2(x, np.hypot(y, z))
+        if (np.hypot(y, z) < _GIMBAL_LOCK).any():
+            sample = int(np.argmax(np.hypot(y, z) < _GIMBAL_LOCK))
+            raise EngineError(
+                f"gimbal lock of a URDF ball (three revolute joints) at given sample {sample + 1}: a leg "
+                "stands across its home direction; the pose is regular, use pinocchio-ball"
+            )
         return np.column_stack([np.arctan2(-y, z), about_y, np.zeros_like(x)])
 
 
@@ -213,7 +221,7 @@ class Pinocchio(_PinocchioEngine):
     """The URDF tree, balls as three revolute joints."""
 
     loops = "URDF tree and closure YAML; point constraints at the platform joints, [S, Jc^T] by QR"
-    shares = "joint rates and the loop-closing solve with pinocchio-ball"
+    shares = "positions, rates, wrenches and loop-closing solve with pinocchio-ball; R with kane"
     tree = _UrdfTree
 
 
@@ -221,7 +229,7 @@ class PinocchioBall(_PinocchioEngine):
     """The MJCF tree, true ball joints."""
 
     loops = "MJCF tree with <connect> read by Pinocchio, ball joints; [S, Jc^T] by QR"
-    shares = "joint rates and the loop-closing solve with pinocchio"
+    shares = "positions, rates, wrenches and loop-closing solve with pinocchio; R with kane"
     tree = _MjcfTree
 
 
