@@ -119,7 +119,7 @@ def compare(
     from compare.figures import preload
     from compare.inputs import check_range, load_motion
     from compare.outputs import write_outputs
-    from compare.progress import watching
+    from compare.progress import reading, watching
     from compare.registry import ENGINES, check_names
     from compare.report import answer, terminal
     from compare.runner import LONGEST_LIMIT_S
@@ -130,7 +130,8 @@ def compare(
     check_range("--tolerance", tolerance, 0.0, 1.0)
     check_range("--time-limit", time_limit, 0.001, LONGEST_LIMIT_S)
     machine = Mechanism.load(mechanism)
-    path = load_motion(motion, machine, samples=samples, cutoff=cutoff, fit=fit)
+    with reading():
+        path = load_motion(motion, machine, samples=samples, cutoff=cutoff, fit=fit)
     folder = output_folder(output)
     names = list(dict.fromkeys(engine or ENGINES))
     preload()
@@ -161,7 +162,7 @@ def forces(
 ) -> None:
     """Write leg forces t,f1..f6 [N]. Example: sixsps forces wu2012 line --output forces.csv."""
     from compare.inputs import check_not_input, load_motion
-    from compare.progress import watching
+    from compare.progress import reading, watching
     from compare.registry import check_names
     from compare.single import engine_forces
     from sixsps.mechanism import Mechanism
@@ -171,7 +172,8 @@ def forces(
     check_table_suffix(output)
     check_not_input(output, mechanism, motion)
     machine = Mechanism.load(mechanism)
-    path = load_motion(motion, machine, samples=samples, cutoff=cutoff, fit=fit)
+    with reading():
+        path = load_motion(motion, machine, samples=samples, cutoff=cutoff, fit=fit)
     with watching(len(path)) as watch:
         result = engine_forces(engine, machine, path, watch)
     columns = {"t": path.time} | {f"f{leg + 1}": result.forces[:, leg] for leg in range(6)}
@@ -192,6 +194,7 @@ def ik(
 ) -> None:
     """Write leg lengths t,l1..l6 [m]. Example: sixsps ik wu2012 line --rates --output lengths.csv."""
     from compare.inputs import check_not_input, load_motion
+    from compare.progress import reading
     from sixsps.kinematics import inverse_kinematics
     from sixsps.mechanism import Mechanism
     from sixsps.tables import check_table_suffix, write_table
@@ -199,7 +202,8 @@ def ik(
     check_table_suffix(output)
     check_not_input(output, mechanism, motion)
     machine = Mechanism.load(mechanism)
-    path = load_motion(motion, machine, samples=samples, cutoff=cutoff, fit=fit)
+    with reading():
+        path = load_motion(motion, machine, samples=samples, cutoff=cutoff, fit=fit)
     legs = inverse_kinematics(machine, path)
     columns = {"t": path.time} | {f"l{leg + 1}": legs.lengths[:, leg] for leg in range(6)}
     if rates:

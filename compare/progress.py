@@ -12,6 +12,17 @@ from compare.runner import Watcher
 
 
 @contextmanager
+def reading() -> Iterator[None]:
+    """Shows that input is being read and smoothed, which takes a while where it is long."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield
+        return
+    with console.status("reading the motion"):
+        yield
+
+
+@contextmanager
 def watching(samples: int) -> Iterator[Watcher]:
     """Yields a watcher for `compare.runner.run` that shows one bar an engine.
 
