@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from compare import metrics
+from compare.certification import certify
 from compare.runner import Outcome, Watcher, run
 from compare.tolerances import TOLERANCES, rounding_bound
 from sixsps.arrays import Array
@@ -103,6 +104,7 @@ def compare(
         },
         "engines": entries,
         **_measures(mechanism, motion, legs, reference),
+        "certified": certify(mechanism, motion, outcomes, reference),
         "singular_samples": metrics.singular_samples(motion, legs),
     }
     return Comparison(results, outcomes, motion, reference)

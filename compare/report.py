@@ -10,13 +10,15 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from compare.certification import CHOICE
 from sixsps.errors import printable
 
 _MOST_SINGULAR_SHOWN = 5
 _NO_FIGURE = 'Without a picture: matplotlib is not installed (`pip install "sixsps[figures]"`).'
 _LIMITATIONS = (
-    "The reference is one of the formulations that are compared, in double precision: an error "
-    "smaller than its bound cannot be told from the reference's own.",
+    "The reference of the table is one of the formulations that are compared, in double precision: an error "
+    "smaller than its bound cannot be told from the reference's own. True errors are proven, by ball "
+    "arithmetic from a derivation of its own, at some samples only: " + CHOICE + ".",
     "Legs are rigid, symmetric about their axes and do not spin; joints have no friction and no play.",
     "Length limits never change the forces of a given motion, samples outside are flagged; bundled motions "
     "and --fit are sized by them.",
@@ -114,6 +116,7 @@ def _summary(results: dict[str, Any]) -> list[str]:
         f"{_number(results['power_balance_residual'])} of the power exchanged"
     )
     lines = [
+        _certified_line(results["certified"]),
         f"leg lengths {_number(min(shortest, default=None))} to {_number(max(longest, default=None))} m, "
         f"forces {_number(min(lowest, default=None))} to {_number(max(highest, default=None))} N, "
         f"cond(J) up to {_number(condition['value'])}",
@@ -123,6 +126,13 @@ def _summary(results: dict[str, Any]) -> list[str]:
         lines.append("assumed, not given by the source: " + ", ".join(results["mechanism"]["assumed"]))
     lines += [_violation_line(violation) for violation in results["limit_violations"]]
     return lines + singular_lines(results["singular_samples"])
+
+
+def _certified_line(certified: dict[str, Any]) -> str:
+    if certified["reason"]:
+        return f"no certified errors: {printable(certified['reason'])}"
+    errors = ", ".join(f"{name} {error:.1e}" for name, error in certified["engines"].items())
+    return f"true errors at {certified['samples']} certified samples: {errors}"
 
 
 def _violation_line(violation: dict[str, Any]) -> str:
@@ -177,7 +187,7 @@ def markdown(results: dict[str, Any], figure: str | None = None) -> str:
         _methods(results),
         "## The mechanism along the motion",
         _legs(results),
-        "\n".join(f"- {_escaped(line)}" for line in _summary(results)[1:]),
+        "\n".join(f"- {_escaped(line)}" for line in _summary(results)),
         "## Inputs",
         _inputs(results),
         "## Known limitations",

@@ -145,7 +145,7 @@ class Motion:
     def __len__(self) -> int:
         return len(self.time)
 
-    def __getitem__(self, samples: slice | NDArray[np.bool_]) -> Motion:
+    def __getitem__(self, samples: slice | NDArray[np.bool_] | NDArray[np.intp]) -> Motion:
         columns = {name: getattr(self, name)[samples] for name in (*_VECTORS, "time", "quaternion")}
         words = {"name": self.name, "estimated": self.estimated, "changes": self.changes}
         return _rebuilt(columns | words, self.rotation[samples] if "rotation" in self.__dict__ else None)

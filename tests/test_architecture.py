@@ -16,6 +16,7 @@ HOMES = {
     "pinocchio": {"compare/engines/pinocchio.py"},
     "xacro": {"urdf/render.py"},
     "mujoco": set(),
+    "flint": {"sixsps/certified.py"},
 }
 
 

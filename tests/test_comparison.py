@@ -301,3 +301,37 @@ class TestMetrics:
         forces[2, 1] += 1.0
         wrong = metrics.power_balance(wu2012, motion, legs, forces, rate)
         assert wrong.watts == pytest.approx(abs(legs.length_rates[2, 1]), rel=1e-6)
+
+
+class TestCertification:
+    def test_true_errors_are_within_the_bound_of_the_reference(self, paper):
+        pytest.importorskip("flint")
+        certified = paper.results["certified"]
+        assert certified["reason"] == ""
+        assert 16 <= certified["samples"] <= 19
+        assert list(certified["engines"]) == ["kane", "casadi", "pinocchio"]
+        assert 0 < max(certified["engines"].values()) <= paper.results["reference"]["bound"]
+        assert "true errors at" in markdown(paper.results)
+
+    def test_the_worst_sample_of_an_engine_is_certified(self, fake, wu2012):  # noqa: F811
+        pytest.importorskip("flint")
+        motion = bundled("line", wu2012, 400)
+        comparison = compare(wu2012, motion, ["kane", fake("Disagrees")])
+        wrong = comparison.results["engines"]["Disagrees"]["max_rel_error"]
+        certified = comparison.results["certified"]["engines"]
+        assert certified["Disagrees"] == pytest.approx(wrong, rel=1e-9)
+        assert certified["kane"] < 1e-14
+
+    def test_says_so_without_python_flint(self, wu2012, monkeypatch):
+        import sys
+
+        monkeypatch.setitem(sys.modules, "sixsps.certified", None)
+        comparison = compare(wu2012, bundled("line", wu2012, 5), ["kane"])
+        assert "python-flint is not there" in comparison.results["certified"]["reason"]
+        assert "no certified errors: python-flint is not there" in markdown(comparison.results)
+
+    def test_says_so_without_a_regular_sample(self, wu2012):
+        comparison = compare(wu2012, at_rest([0.01, 0.02, 0.0]), ["kane"])
+        if comparison.results["certified"]["reason"].startswith("python-flint"):
+            pytest.skip("needs python-flint")
+        assert comparison.results["certified"]["reason"] == "no regular sample"
