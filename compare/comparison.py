@@ -25,7 +25,7 @@ from sixsps.singularity import SINGULAR_CONDITION
 
 REFERENCE = "kane"
 SCHEMA = 1
-_PACKAGES = ("sixsps", "numpy", "scipy", "casadi", "pin", "xacro", "pyarrow")
+_PACKAGES = ("sixsps", "numpy", "scipy", "casadi", "pin", "xacro", "pyarrow", "python-flint")
 
 
 @dataclass(frozen=True, eq=False)

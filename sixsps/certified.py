@@ -74,9 +74,9 @@ class CertifiedForces:
         with _precision(self.bits):
             for k, row in enumerate(self.enclosures):
                 if row is not None:
-                    bounds[k] = [
-                        float(abs(arb(f) - ball).upper()) for f, ball in zip(forces[k], row, strict=True)
-                    ]
+                    pairs = zip(forces[k].tolist(), row, strict=True)
+                    nearest = [float(abs(arb(force) - ball).upper()) for force, ball in pairs]
+                    bounds[k] = np.nextafter(nearest, np.inf)  # never below the bound in ball arithmetic
         return bounds
 
 

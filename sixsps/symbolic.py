@@ -1,8 +1,9 @@
 """CasADi model of the hexapod: everything that is a derivative is differentiated, not written down.
 
-The model knows positions only: leg lengths and the centres of mass as functions of the platform
-pose. The Jacobian, partial velocities, velocities and accelerations come from them by algorithmic
-differentiation, so that no formula is shared with `kinematics.py` or `formulations/kane.py`.
+Written down are leg lengths and centres of mass as functions of the platform pose, that a leg does
+not spin (omega = s x s'), and the angular momentum I omega of a body. The Jacobian, partial
+velocities, velocities, accelerations and rates of momentum come from them by algorithmic
+differentiation; none of the formulas of `kinematics.py` and `formulations/kane.py` for these is used.
 
 Differentiation along a motion treats R as nine numbers with R' = [omega]x R and
 [v; omega]' = [a; epsilon]. Derivatives with respect to the pose are taken on the rotation group:

@@ -27,7 +27,7 @@ from urdf import parse_closures, render_closures, render_mjcf, render_urdf
 from urdf.closures import CLOSURES
 
 _PROGRESS_STEP = 100
-# Rounding grows with the inverse square of this cosine; at 1e-2 four digits of sixteen are gone.
+# The cosine beyond which rounding shows: on wu2012 errors are 1e-14 at 1e-2, 1e-12 at 1e-3 and 4e-9 at 1e-4.
 _GIMBAL_LOCK = 1e-2
 _LEGS = range(1, 7)
 _WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED

@@ -1,7 +1,6 @@
 """Jourdain's principle with every derivative by algorithmic differentiation, in CasADi.
 
-Evaluates `sixsps.symbolic`, whose only formulas are positions; shares with `kane.py` the frozen
-inputs and the threshold of singularity.
+Evaluates `sixsps.symbolic`; shares with `kane.py` the frozen inputs and the threshold of singularity.
 """
 
 from __future__ import annotations
