@@ -129,19 +129,19 @@ def compare(
     check_names(engine or [])
     check_range("--tolerance", tolerance, 0.0, 1.0)
     check_range("--time-limit", time_limit, 0.001, LONGEST_LIMIT_S)
-    machine = Mechanism.load(mechanism)
+    hexapod = Mechanism.load(mechanism)
     with reading():
-        path = load_motion(motion, machine, samples=samples, cutoff=cutoff, fit=fit)
+        sampled = load_motion(motion, hexapod, samples=samples, cutoff=cutoff, fit=fit)
     folder = output_folder(output)
     names = list(dict.fromkeys(engine or ENGINES))
     preload()
-    with watching(len(path)) as watch:
+    with watching(len(sampled)) as watch:
         comparison = run_comparison(
-            machine, path, names, requested=engine or (), tolerance=tolerance,
+            hexapod, sampled, names, requested=engine or (), tolerance=tolerance,
             time_limit=time_limit, watch=watch,
         )  # fmt: skip
     comparison.results["command"] = printable(shlex.join(["sixsps", *sys.argv[1:]]))
-    report = write_outputs(comparison, machine, folder)
+    report = write_outputs(comparison, hexapod, folder)
     _print(terminal(comparison.results))
     typer.echo(answer(comparison.results))
     typer.echo(f"report: {report}")
@@ -171,12 +171,12 @@ def forces(
     check_names([engine])
     check_table_suffix(output)
     check_not_input(output, mechanism, motion)
-    machine = Mechanism.load(mechanism)
+    hexapod = Mechanism.load(mechanism)
     with reading():
-        path = load_motion(motion, machine, samples=samples, cutoff=cutoff, fit=fit)
-    with watching(len(path)) as watch:
-        result = engine_forces(engine, machine, path, watch)
-    columns = {"t": path.time} | {f"f{leg + 1}": result.forces[:, leg] for leg in range(6)}
+        sampled = load_motion(motion, hexapod, samples=samples, cutoff=cutoff, fit=fit)
+    with watching(len(sampled)) as watch:
+        result = engine_forces(engine, hexapod, sampled, watch)
+    columns = {"t": sampled.time} | {f"f{leg + 1}": result.forces[:, leg] for leg in range(6)}
     write_table(columns, output)
     _warn(result.warnings)
     raise typer.Exit(1 if result.warnings else 0)
@@ -201,11 +201,11 @@ def ik(
 
     check_table_suffix(output)
     check_not_input(output, mechanism, motion)
-    machine = Mechanism.load(mechanism)
+    hexapod = Mechanism.load(mechanism)
     with reading():
-        path = load_motion(motion, machine, samples=samples, cutoff=cutoff, fit=fit)
-    legs = inverse_kinematics(machine, path)
-    columns = {"t": path.time} | {f"l{leg + 1}": legs.lengths[:, leg] for leg in range(6)}
+        sampled = load_motion(motion, hexapod, samples=samples, cutoff=cutoff, fit=fit)
+    legs = inverse_kinematics(hexapod, sampled)
+    columns = {"t": sampled.time} | {f"l{leg + 1}": legs.lengths[:, leg] for leg in range(6)}
     if rates:
         columns |= {f"dl{leg + 1}": legs.length_rates[:, leg] for leg in range(6)}
     write_table(columns, output)
@@ -228,8 +228,8 @@ def export(
     from sixsps.mechanism import Mechanism
     from urdf.export import export_mjcf, export_urdf
 
-    machine = Mechanism.load(mechanism)
-    written = (export_urdf if format is Format.urdf else export_mjcf)(machine, output)
+    hexapod = Mechanism.load(mechanism)
+    written = (export_urdf if format is Format.urdf else export_mjcf)(hexapod, output)
     for path in written:
         typer.echo(str(path))
 
@@ -285,8 +285,8 @@ def _status(command: Callable[[], Any]) -> int:
         return 2
     except typer.Exit as stop:
         return int(stop.exit_code)
-    except OSError as error:  # standard output is full or closed
-        _warn([f"cannot print: {error.strerror}"])
+    except OSError as error:  # a full disk, or a standard output that is full or closed
+        _warn([printable(str(error))])
         return 1
     except (typer.Abort, KeyboardInterrupt):
         _warn(["interrupted; nothing was left half-written"])
