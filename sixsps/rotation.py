@@ -76,3 +76,21 @@ def euler_motion(angles: Array, rates: Array, accelerations: Array) -> tuple[Arr
     omega = np.einsum("nij,nj->ni", matrix, rates)
     epsilon = np.einsum("nij,nj->ni", matrix, accelerations)
     return omega, epsilon + np.einsum("nij,nj->ni", matrix_dot, rates)
+
+
+def euler_rates(angles: Array, omega: Array, epsilon: Array) -> tuple[Array, Array]:
+    """Returns the first and second rates of Euler angles, the inverse of `euler_motion`.
+
+    Args:
+        angles: (n, 3) alpha, beta, gamma of R = Rx Ry Rz [rad].
+        omega: (n, 3) angular velocity [rad/s], world axes.
+        epsilon: (n, 3) angular acceleration [rad/s^2], world axes.
+
+    Returns:
+        (n, 3) [rad/s] and (n, 3) [rad/s^2]; without bound towards beta = +-pi/2.
+    """
+    matrix = euler_rate_matrix(angles)
+    rates = np.asarray(np.linalg.solve(matrix, omega[..., None])[..., 0], dtype=np.float64)
+    turning = np.einsum("nij,nj->ni", euler_rate_matrix_dot(angles, rates), rates)
+    accelerations: Array = np.linalg.solve(matrix, (epsilon - turning)[..., None])[..., 0]
+    return rates, accelerations

@@ -15,7 +15,15 @@ from sixsps.errors import UnknownNameError
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
 
-FORMULATIONS = {"kane": "sixsps.formulations.kane", "casadi": "sixsps.formulations.casadi"}
+FORMULATIONS = {
+    "kane": "sixsps.formulations.kane",
+    "casadi": "sixsps.formulations.casadi",
+    "lagrange": "sixsps.formulations.lagrange",
+    "newton-euler": "sixsps.formulations.newton_euler",
+    "virtual-work": "sixsps.formulations.virtual_work",
+    "wu2012-printed": "sixsps.formulations.wu2012_printed",
+}
+"""Name -> module. `wu2012-printed` is wrong, as the paper's print is."""
 
 
 # A formulation needs some kilobytes a sample while it works; blocks keep that in the cache.
