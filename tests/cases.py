@@ -1,5 +1,6 @@
 """Mechanisms and motions that tests draw from."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -110,3 +111,23 @@ def legs_within_limits(mechanism, motion):
     lengths = inverse_kinematics(mechanism, motion).lengths
     low, high = mechanism.length_limits.T
     return bool((lengths >= low).all() and (lengths <= high).all())
+
+
+def scaled(mechanism, length, mass):
+    """The same mechanism in other units of length and mass, gravity as it is."""
+
+    def link(half):
+        inertia = mass * length**2
+        return Link(
+            mass * half.mass, length * half.length, length * half.com,
+            inertia * half.transverse, inertia * half.axial,
+        )  # fmt: skip
+
+    platform = mechanism.platform
+    return replace(
+        mechanism,
+        base_anchors=length * mechanism.base_anchors,
+        platform_anchors=length * mechanism.platform_anchors,
+        platform=Platform(mass * platform.mass, length * platform.com, mass * length**2 * platform.inertia),
+        legs=tuple(Leg(link(leg.lower), link(leg.upper)) for leg in mechanism.legs),
+    )

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from sixsps.errors import OutputError
 from sixsps.files import exists, output_folder, write_atomically
+from sixsps.legs import Legs
 from sixsps.mechanism import Mechanism
 from urdf.closures import render_closures
 from urdf.mjcf import render_mjcf
@@ -16,13 +17,14 @@ from urdf.render import render_urdf
 _LONGEST_STEM = 60
 
 
-def export_urdf(mechanism: Mechanism, output: Path) -> list[Path]:
+def export_urdf(mechanism: Mechanism, output: Path, legs: Legs = Legs.sps) -> list[Path]:
     """Writes URDF, the loop closures beside it, and MJCF.
 
     Args:
         mechanism: geometry and inertia.
         output: folder, made where its parent exists; or the name of the URDF file, beside which
             the others are written.
+        legs: joints of the legs.
 
     Returns:
         Paths of the URDF, the closure YAML and the MJCF.
@@ -32,16 +34,16 @@ def export_urdf(mechanism: Mechanism, output: Path) -> list[Path]:
     """
     urdf = _target(mechanism, output, ".urdf")
     contents = {
-        urdf: render_urdf(mechanism),
+        urdf: render_urdf(mechanism, legs),
         urdf.with_suffix(".yaml"): render_closures(),
-        urdf.with_suffix(".xml"): render_mjcf(mechanism),
+        urdf.with_suffix(".xml"): render_mjcf(mechanism, legs),
     }
     return _write(contents)
 
 
-def export_mjcf(mechanism: Mechanism, output: Path) -> list[Path]:
+def export_mjcf(mechanism: Mechanism, output: Path, legs: Legs = Legs.sps) -> list[Path]:
     """Writes MJCF to a folder or, where `output` ends in .xml, to that file; see `export_urdf`."""
-    return _write({_target(mechanism, output, ".xml"): render_mjcf(mechanism)})
+    return _write({_target(mechanism, output, ".xml"): render_mjcf(mechanism, legs)})
 
 
 def file_stem(name: str) -> str:

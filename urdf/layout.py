@@ -67,6 +67,21 @@ class Layout:
         return cls(home, legs, _disc(mechanism.base_anchors), platform, 0.1 * platform.radius)
 
 
+def first_axes(mechanism: Mechanism) -> Array:
+    """Returns (6, 3) the x axes of the legs' home frames, about which universal joints turn first."""
+    legs = Layout.of(mechanism).legs
+    return np.array(
+        [
+            (
+                math.cos(leg.yaw) * math.cos(leg.pitch),
+                math.sin(leg.yaw) * math.cos(leg.pitch),
+                -math.sin(leg.pitch),
+            )
+            for leg in legs
+        ]
+    )
+
+
 def provenance(mechanism: Mechanism) -> str:
     """Returns what an exported file says of its numbers, fit for an XML comment."""
     lines = [f"Given by: {mechanism.source}"] if mechanism.source else []

@@ -1,4 +1,4 @@
-"""Mechanism to MJCF text, with true ball joints and the loops closed by `<connect>`.
+"""Mechanism to MJCF text, with true ball or universal joints and the loops closed by `<connect>`.
 
 Everything hangs on one root body and the platform rides on three slides and a ball instead of a
 free joint: MuJoCo allows a free joint only on top level, and Pinocchio's reader drops all but one
@@ -16,18 +16,23 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sixsps.arrays import Array
+from sixsps.legs import Legs
 from sixsps.mechanism import Leg, Link, Mechanism
 from urdf.closures import CLOSURES, LEGS
 from urdf.layout import LOWER_RADIUS, UPPER_RADIUS, Disc, Layout, LegLayout, provenance
 
+# Of the base, relative to the platform's mass; it weighs nothing in any force.
+_BASE_MASS = 1e-6
 _COLORS = {"steel": "0.65 0.68 0.72 1", "blue": "0.13 0.35 0.60 1", "orange": "0.90 0.55 0.15 1"}
 
 
-def render_mjcf(mechanism: Mechanism) -> str:
+def render_mjcf(mechanism: Mechanism, legs: Legs = Legs.sps) -> str:
     """Returns the MJCF of the mechanism; floats read back exactly.
 
     Args:
         mechanism: geometry and inertia.
+        legs: a ball at the base, or a universal joint: first axis along x of the leg's home frame,
+            fixed in the base, second along y.
     """
     layout = Layout.of(mechanism)
     root = ET.Element("mujoco", model=mechanism.name)
@@ -38,11 +43,19 @@ def render_mjcf(mechanism: Mechanism) -> str:
     world = ET.SubElement(root, "worldbody")
     ET.SubElement(world, "light", pos="0 0 3", dir="0 0 -1", directional="true")
     base = ET.SubElement(world, "body", name="base")
-    # Never moves; Pinocchio's reader wants the inertia of a root body all the same.
-    ET.SubElement(base, "inertial", pos="0 0 0", mass="1", diaginertia="1 1 1")
+    # Never moves; Pinocchio's reader wants the inertia of a root body all the same. MuJoCo computes
+    # about the common centre of mass, base included: a heavy base, or one left behind at the origin,
+    # would draw that away from the hexapod and cost digits.
+    mass = repr(_BASE_MASS * mechanism.platform.mass)
+    ET.SubElement(base, "inertial", pos=_text(layout.base.center), mass=mass, diaginertia="1 1 1")
     _disc(base, layout.base, "steel")
     for i, leg, place in zip(LEGS, mechanism.legs, layout.legs, strict=True):
-        _leg(base, f"leg{i}", mechanism.base_anchors[i - 1], leg, place)
+        lower = ET.SubElement(
+            base, "body", name=f"leg{i}_lower", pos=_text(mechanism.base_anchors[i - 1]),
+            quat=_quaternion(place.pitch, place.yaw),
+        )  # fmt: skip
+        _base_joint(lower, f"leg{i}", legs)
+        _leg(lower, f"leg{i}", leg, place)
     _platform(base, mechanism, layout)
     _closures(root)
     _actuators(root)
@@ -57,11 +70,16 @@ def _defaults(root: ET.Element) -> None:
     ET.SubElement(default, "site", size="0.005", group="3")
 
 
-def _leg(base: ET.Element, name: str, anchor: Iterable[float], leg: Leg, place: LegLayout) -> None:
-    lower = ET.SubElement(
-        base, "body", name=f"{name}_lower", pos=_text(anchor), quat=_quaternion(place.pitch, place.yaw)
-    )
-    ET.SubElement(lower, "joint", name=f"{name}_ball", type="ball")
+def _base_joint(lower: ET.Element, name: str, legs: Legs) -> None:
+    if legs is Legs.sps:
+        ET.SubElement(lower, "joint", name=f"{name}_ball", type="ball")
+        return
+    # Hinges of one body turn in their order: the first axis stands still, the second turns with it.
+    for axis, direction in (("x", (1, 0, 0)), ("y", (0, 1, 0))):
+        ET.SubElement(lower, "joint", name=f"{name}_universal_{axis}", type="hinge", axis=_text(direction))
+
+
+def _leg(lower: ET.Element, name: str, leg: Leg, place: LegLayout) -> None:
     _link(lower, leg.lower, 1.0, LOWER_RADIUS, "blue")
     upper = ET.SubElement(lower, "body", name=f"{name}_upper", pos=_text((0, 0, place.length)))
     shortest, longest = (limit - place.length for limit in leg.length_limits)
@@ -75,7 +93,8 @@ def _leg(base: ET.Element, name: str, anchor: Iterable[float], leg: Leg, place: 
 
 
 def _link(body: ET.Element, link: Link, sense: float, radius: float, color: str) -> None:
-    inertia = _text((link.transverse, link.transverse, link.axial))
+    # MuJoCo refuses a thin disc whose axial moment is too large by a rounding.
+    inertia = _text((link.transverse, link.transverse, min(link.axial, 2 * link.transverse)))
     com = _text((0, 0, sense * link.com))
     ET.SubElement(body, "inertial", pos=com, mass=repr(float(link.mass)), diaginertia=inertia)
     ends = _text((0, 0, 0, 0, 0, sense * link.length))

@@ -9,6 +9,7 @@ from xml.dom.minidom import Document
 
 import xacro
 
+from sixsps.legs import Legs
 from sixsps.mechanism import Leg, Link, Mechanism
 from urdf.layout import LOWER_RADIUS, UPPER_RADIUS, Disc, Layout, LegLayout, provenance
 
@@ -16,7 +17,7 @@ from urdf.layout import LOWER_RADIUS, UPPER_RADIUS, Disc, Layout, LegLayout, pro
 _NO_LIMIT = "1e9"
 
 
-def render_urdf(mechanism: Mechanism) -> str:
+def render_urdf(mechanism: Mechanism, legs: Legs = Legs.sps) -> str:
     """Returns the URDF of the cut-open mechanism; floats read back exactly.
 
     Only numbers reach the template, which evaluates Python: the mechanism's name is set afterwards,
@@ -24,10 +25,12 @@ def render_urdf(mechanism: Mechanism) -> str:
 
     Args:
         mechanism: geometry and inertia.
+        legs: a ball at the base, or a universal joint: first axis along x of the leg's home frame,
+            fixed in the base, second along y.
     """
     template = resources.files("urdf") / "six_sps.urdf.xacro"
     with resources.as_file(template) as path:
-        document = xacro.process_file(str(path), mappings=_arguments(mechanism))
+        document = xacro.process_file(str(path), mappings=_arguments(mechanism, legs))
     _remove_comments(document)
     document.documentElement.setAttribute("name", mechanism.name)
     document.insertBefore(document.createComment(provenance(mechanism)), document.documentElement)
@@ -35,10 +38,11 @@ def render_urdf(mechanism: Mechanism) -> str:
     return text
 
 
-def _arguments(mechanism: Mechanism) -> dict[str, str]:
+def _arguments(mechanism: Mechanism, legs: Legs) -> dict[str, str]:
     layout = Layout.of(mechanism)
     arguments = {
         "no_limit": _NO_LIMIT,
+        "universal": str(legs is Legs.ups),
         "home": _text(layout.home),
         "anchor_radius": repr(layout.anchor_radius),
     }
