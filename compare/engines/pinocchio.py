@@ -4,7 +4,8 @@ The tree is cut open at the platform joints and has 30 velocities: 6 of the plat
 leg. The platform's motion fixes them all but the legs' idle spins, which are zero. RNEA gives the
 30 generalised forces tau that the open tree would need; six actuators and 18 closure forces have to
 supply them: [S, Jc^T] [F; lambda] = tau, 30 equations of rank 24, solved by least squares (QR). What
-remains of it is the check that the motion obeys the closures.
+remains of it is the check that the motion obeys the closures. On universal joints a leg has 3
+velocities, its spin among what the platform's motion fixes, and the 24 equations have one solution.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from scipy.linalg.lapack import dgels
 from compare.engine import EngineForces, Progress
 from sixsps.arrays import Array
 from sixsps.errors import EngineError
+from sixsps.legs import Legs
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
 from urdf import parse_closures, render_closures, render_mjcf, render_urdf
@@ -39,7 +41,7 @@ class _Tree(ABC):
     platform_joint: str
     leg_joint: str
 
-    def __init__(self, model: Any, closures: Any, pairs: tuple[tuple[str, str], ...]) -> None:
+    def __init__(self, model: Any, closures: Any, pairs: tuple[tuple[str, str], ...], length: float) -> None:
         self.model, self.data = model, model.createData()
         self.closures, self.closure_data = pin.StdVec_ConstraintModel(), pin.StdVec_ConstraintData()
         for closure in closures:
@@ -52,9 +54,15 @@ class _Tree(ABC):
         self.lowers = [model.parents[actuator] for actuator in self.actuators]
         self.platform = self._joint(self.platform_joint)
         self.actuated = [model.joints[joint].idx_v for joint in self.actuators]
-        self.leg_columns = np.array([model.joints[joint].idx_v + np.arange(4) for joint in self.roots])
+        starts = [model.joints[joint].idx_v for joint in self.roots]
+        ends = [column + 1 for column in self.actuated]
+        self.leg_columns = np.array([np.arange(*ends) for ends in zip(starts, ends, strict=True)])
         start = model.joints[self.platform].idx_v
         self.platform_columns = slice(start, start + 6)
+        # Moments over a length of the mechanism: its unit must not decide what rounding does.
+        self.length = length
+        self.units = np.ones(model.nv)
+        self.units[self.leg_columns[:, :-1]] = self.units[start + 3 : start + 6] = length
 
     @abstractmethod
     def platform_positions(self, motion: Motion) -> Array:
@@ -102,12 +110,15 @@ class _UrdfTree(_Tree):
 
     platform_joint = "platform_joint"
     leg_joint = "leg{}_ball_x"
+    legs = Legs.sps
+    base_joint = "ball (three revolute joints)"
+    way_out = "; the pose is regular, use pinocchio-ball"
 
     def __init__(self, mechanism: Mechanism) -> None:
-        model = pin.buildModelFromXML(render_urdf(mechanism))
+        model = pin.buildModelFromXML(render_urdf(mechanism, self.legs))
         pairs = parse_closures(render_closures()).closed_loop
         closures = [self._closure(model, *pair) for pair in pairs]
-        super().__init__(model, closures, pairs)
+        super().__init__(model, closures, pairs, mechanism.characteristic_length)
 
     @staticmethod
     def _closure(model: Any, tip: str, anchor: str) -> Any:
@@ -137,10 +148,22 @@ class _UrdfTree(_Tree):
         if (np.hypot(y, z) < _GIMBAL_LOCK).any():
             sample = int(np.argmax(np.hypot(y, z) < _GIMBAL_LOCK))
             raise EngineError(
-                f"gimbal lock of a URDF ball (three revolute joints) at given sample {sample + 1}: a leg "
-                "stands across its home direction; the pose is regular, use pinocchio-ball"
+                f"gimbal lock of the URDF's {self.base_joint} at given sample {sample + 1}: a leg stands "
+                f"across its home direction{self.way_out}"
             )
         return np.column_stack([np.arctan2(-y, z), about_y, np.zeros_like(x)])
+
+
+class _UpsTree(_UrdfTree):
+    """From the URDF with universal joints at the base."""
+
+    leg_joint = "leg{}_universal_x"
+    legs = Legs.ups
+    base_joint = "universal joint"
+    way_out = ""
+
+    def ball_positions(self, directions: Array) -> Array:
+        return super().ball_positions(directions)[:, :2]
 
 
 class _MjcfTree(_Tree):
@@ -154,7 +177,7 @@ class _MjcfTree(_Tree):
             path = Path(folder) / "hexapod.xml"
             path.write_text(render_mjcf(mechanism), encoding="utf-8")
             model, closures, _welds = pin.buildModelAndConstraintsFromMJCF(str(path))
-        super().__init__(model, closures, CLOSURES.closed_loop)
+        super().__init__(model, closures, CLOSURES.closed_loop, mechanism.characteristic_length)
 
     def platform_positions(self, motion: Motion) -> Array:
         home = self.model.jointPlacements[self.platform].translation
@@ -168,11 +191,12 @@ class _MjcfTree(_Tree):
 
     def ball_positions(self, directions: Array) -> Array:
         x, y, z = directions.T
-        # Shortest turn from z, as the unnormalised quaternion [z x d, 1 + z . d]; where d points
-        # straight down it does not exist and half a turn about x serves as well.
-        quaternion = np.column_stack([-y, x, np.zeros_like(x), 1 + z])
-        quaternion[1 + z < 1e-8] = [1.0, 0.0, 0.0, 0.0]
-        return quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
+        # Shortest turn from z, by its half angle; along z any axis will do: no turn, or half a turn.
+        across = np.hypot(x, y)
+        half, straight = np.arctan2(across, z) / 2, across == 0
+        sine, divisor = np.sin(half), np.where(straight, 1.0, across)
+        about_x, about_y = np.where(straight, 1.0, -y / divisor), x / divisor
+        return np.column_stack([sine * about_x, sine * about_y, np.zeros_like(x), np.cos(half)])
 
 
 def _xyzw(motion: Motion) -> Array:
@@ -188,11 +212,11 @@ class _PinocchioEngine:
     """RNEA of the open tree and the solve for actuator and closure forces."""
 
     formulation = "recursive Newton-Euler (RNEA) of the open tree"
-    tree: type[_UrdfTree] | type[_MjcfTree]
+    description: type[_UrdfTree] | type[_MjcfTree]
 
     def __init__(self, mechanism: Mechanism) -> None:
-        self._tree = self.tree(mechanism)
-        self._tree.model.gravity.linear = np.array(mechanism.gravity)
+        self.tree = self.description(mechanism)
+        self.tree.model.gravity.linear = np.array(mechanism.gravity)
 
     @staticmethod
     def version() -> str:
@@ -201,7 +225,7 @@ class _PinocchioEngine:
 
     def inverse_dynamics(self, motion: Motion, progress: Progress) -> EngineForces:
         """Returns the leg forces along a motion; see `Engine`."""
-        tree = self._tree
+        tree = self.tree
         positions = tree.positions(motion)
         rates, accelerations = tree.platform_rates(motion)
         wrenches = _joint_wrenches(tree, motion)
@@ -210,11 +234,21 @@ class _PinocchioEngine:
         for k, q in enumerate(positions):
             external[tree.platform] = pin.Force(wrenches[k])
             v, a = _joint_rates(tree, q, rates[k], accelerations[k])
-            tau = pin.rnea(tree.model, tree.data, q, v, a, external)
-            results[k] = _close_loops(tree, tau)
+            results[k] = self.sample(q, v, a, external)
             if (k + 1) % _PROGRESS_STEP == 0:
                 progress(k + 1)
         return EngineForces(results[:, :6], results[:, 6], results[:, 7])
+
+    def sample(self, q: Array, v: Array, a: Array, external: Any) -> Array:
+        """Returns (8,) leg forces [N], closure residual and closure error at one sample.
+
+        Args:
+            q: (nq,) joint positions.
+            v: (nv,) joint velocities.
+            a: (nv,) joint accelerations.
+            external: wrenches on the bodies, in joint frames.
+        """
+        return _close_loops(self.tree, pin.rnea(self.tree.model, self.tree.data, q, v, a, external))
 
 
 class Pinocchio(_PinocchioEngine):
@@ -222,7 +256,15 @@ class Pinocchio(_PinocchioEngine):
 
     loops = "URDF tree and closure YAML; point constraints at the platform joints, [S, Jc^T] by QR"
     shares = "positions, rates, wrenches and loop-closing solve with pinocchio-ball; R with kane"
-    tree = _UrdfTree
+    description = _UrdfTree
+
+
+class PinocchioUps(_PinocchioEngine):
+    """The URDF tree with universal joints at the base."""
+
+    loops = "URDF tree with universal joints; point constraints at the platform joints, [S, Jc^T] by QR"
+    shares = Pinocchio.shares
+    description = _UpsTree
 
 
 class PinocchioBall(_PinocchioEngine):
@@ -230,7 +272,7 @@ class PinocchioBall(_PinocchioEngine):
 
     loops = "MJCF tree with <connect> read by Pinocchio, ball joints; [S, Jc^T] by QR"
     shares = "positions, rates, wrenches and loop-closing solve with pinocchio; R with kane"
-    tree = _MjcfTree
+    description = _MjcfTree
 
 
 def _joint_wrenches(tree: _Tree, motion: Motion) -> Array:
@@ -245,19 +287,21 @@ def _joint_rates(tree: _Tree, q: Array, rate: Array, acceleration: Array) -> tup
     """Returns v and a of all 30 coordinates, leg by leg from the motion of the platform joint.
 
     Of each leg, four unknown rates: its tip moves with the anchor (three equations) and the leg
-    does not spin (one). Accelerations follow from the same matrix, less what v alone causes.
+    does not spin (one); on a universal joint three rates, and what spin there is follows from them.
+    Accelerations follow from the same matrix, less what v alone causes.
     """
     model, data = tree.model, tree.data
     v, a = np.zeros(model.nv), np.zeros(model.nv)
     v[tree.platform_columns] = rate
     pin.computeJointJacobians(model, data, q)
     pin.updateFramePlacements(model, data)
-    matrix, right = np.empty((6, 4, 4)), np.zeros((6, 4, 1))
+    rates = tree.leg_columns.shape[1]
+    matrix, right = np.empty((6, rates, rates)), np.zeros((6, rates, 1))
     directions = np.empty((6, 3))
     for leg, columns in enumerate(tree.leg_columns):
         tip = pin.getFrameJacobian(model, data, tree.tips[leg], _WORLD)[:, columns]
         directions[leg] = data.oMi[tree.lowers[leg]].rotation[:, 2]
-        matrix[leg, :3], matrix[leg, 3] = tip[:3], directions[leg] @ tip[3:]
+        matrix[leg, :3], matrix[leg, 3:] = tip[:3], tree.length * directions[leg] @ tip[3:]
         anchor = pin.getFrameJacobian(model, data, tree.anchors[leg], _WORLD)
         right[leg, :3, 0] = anchor[:3] @ v
     v[tree.leg_columns] = np.linalg.solve(matrix, right)[..., 0]
@@ -269,7 +313,7 @@ def _joint_rates(tree: _Tree, q: Array, rate: Array, acceleration: Array) -> tup
         anchor = pin.getFrameClassicalAcceleration(model, data, tree.anchors[leg], _WORLD)
         right[leg, :3, 0] = anchor.linear - tip.linear
         # The spin omega . s stays zero, and s turns with omega: epsilon . s = 0.
-        right[leg, 3, 0] = -directions[leg] @ tip.angular
+        right[leg, 3:, 0] = -tree.length * directions[leg] @ tip.angular
     a[tree.leg_columns] = np.linalg.solve(matrix, right)[..., 0]
     return v, a
 
@@ -288,7 +332,7 @@ def _close_loops(tree: _Tree, tau: Array) -> Array:
     matrix = np.zeros((model.nv, 24))
     matrix[tree.actuated, np.arange(6)] = 1.0
     matrix[:, 6:] = jacobian.T
-    _, solution, info = dgels(matrix, tau)
+    _, solution, info = dgels(matrix / tree.units[:, None], tau / tree.units)
     if info != 0:
         raise EngineError(f"the loop-closing solve failed: dgels returned {info}")
     residual = np.abs(tau - matrix @ solution[:24]).max()
