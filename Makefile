@@ -27,7 +27,7 @@ $(VENV)/bin/python:
 
 $(VENV)/installed: pyproject.toml constraints.txt | $(VENV)/bin/python
 	@echo "Installing into $(VENV)"
-	$(PIP) install --constraint constraints.txt --editable '.[certified,figures]'
+	$(PIP) install --constraint constraints.txt --editable '.[figures]'
 	@touch $@
 
 $(VENV)/tested: pyproject.toml constraints.txt $(VENV)/installed

@@ -16,6 +16,7 @@ from typing import Annotated, Any
 import typer
 
 from sixsps.errors import InputError, SixspsError, printable, shown
+from sixsps.legs import Legs
 
 app = typer.Typer(
     name="sixsps",
@@ -87,6 +88,7 @@ Cutoff = Annotated[
 Fit = Annotated[
     bool, typer.Option("--fit", help="Shift and scale a file's motion to the mechanism's home and strokes.")
 ]
+LegType = Annotated[Legs, typer.Option(help="Joints at the base of the legs: ball (sps) or universal (ups).")]
 OutputFile = Annotated[
     Path, typer.Option("--output", metavar="FILE", help="File to write: .csv or .parquet.")
 ]
@@ -110,6 +112,10 @@ def compare(
         float | None,
         typer.Option(metavar="S", help="Seconds an engine may take; by default 120 and 0.01 a sample."),
     ] = None,
+    traps: Annotated[
+        bool, typer.Option("--traps", help="Add calls that are wrong without a word, apart from the engines.")
+    ] = False,
+    legs: LegType = Legs.sps,
     samples: Samples = None,
     cutoff: Cutoff = None,
     fit: Fit = False,
@@ -120,25 +126,27 @@ def compare(
     from compare.inputs import check_range, load_motion
     from compare.outputs import write_outputs
     from compare.progress import reading, watching
-    from compare.registry import ENGINES, check_names
-    from compare.report import answer, terminal
+    from compare.registry import TRAPS, check_names, with_legs
     from compare.runner import LONGEST_LIMIT_S
+    from compare.summary import answer
+    from compare.terminal import terminal
     from sixsps.files import output_folder
     from sixsps.mechanism import Mechanism
 
-    check_names(engine or [])
+    check_names(engine or [], traps=True)
     check_range("--tolerance", tolerance, 0.0, 1.0)
     check_range("--time-limit", time_limit, 0.001, LONGEST_LIMIT_S)
     hexapod = Mechanism.load(mechanism)
     with reading():
         sampled = load_motion(motion, hexapod, samples=samples, cutoff=cutoff, fit=fit)
     folder = output_folder(output)
-    names = list(dict.fromkeys(engine or ENGINES))
+    names = list(dict.fromkeys(engine or with_legs(legs)))
+    caught = [name for name in TRAPS if traps and name not in names]
     preload()
     with watching(len(sampled)) as watch:
         comparison = run_comparison(
-            hexapod, sampled, names, requested=engine or (), tolerance=tolerance,
-            time_limit=time_limit, watch=watch,
+            hexapod, sampled, names, traps=caught, requested=engine or (), legs=legs,
+            tolerance=tolerance, time_limit=time_limit, watch=watch,
         )  # fmt: skip
     comparison.results["command"] = printable(shlex.join(["sixsps", *sys.argv[1:]]))
     report = write_outputs(comparison, hexapod, folder)
@@ -154,8 +162,19 @@ def forces(
     motion: MotionName,
     output: OutputFile,
     engine: Annotated[
-        str, typer.Option(metavar="NAME", help="What computes them.", autocompletion=_complete_engine)
-    ] = "kane",
+        str | None,
+        typer.Option(
+            metavar="NAME", help="What computes them; kane by default.", autocompletion=_complete_engine
+        ),
+    ] = None,
+    reactions: Annotated[
+        bool,
+        typer.Option(
+            "--reactions",
+            help="Also the forces on the legs at base joints a1x,a1y,a1z..a6z and platform joints b1x..b6z "
+            "[N], world axes; all forces then by newton-euler.",
+        ),
+    ] = False,
     samples: Samples = None,
     cutoff: Cutoff = None,
     fit: Fit = False,
@@ -164,20 +183,23 @@ def forces(
     from compare.inputs import check_not_input, load_motion
     from compare.progress import reading, watching
     from compare.registry import check_names
-    from compare.single import engine_forces
+    from compare.single import chosen_engine, engine_forces, forces_and_reactions
     from sixsps.mechanism import Mechanism
     from sixsps.tables import check_table_suffix, write_table
 
-    check_names([engine])
+    name = chosen_engine(engine, reactions)
+    check_names([name])
     check_table_suffix(output)
     check_not_input(output, mechanism, motion)
     hexapod = Mechanism.load(mechanism)
     with reading():
         sampled = load_motion(motion, hexapod, samples=samples, cutoff=cutoff, fit=fit)
     with watching(len(sampled)) as watch:
-        result = engine_forces(engine, hexapod, sampled, watch)
-    columns = {"t": sampled.time} | {f"f{leg + 1}": result.forces[:, leg] for leg in range(6)}
-    write_table(columns, output)
+        if reactions:
+            result = forces_and_reactions(hexapod, sampled, watch)
+        else:
+            result = engine_forces(name, hexapod, sampled, watch)
+    write_table({"t": sampled.time} | result.columns, output)
     _warn(result.warnings)
     raise typer.Exit(1 if result.warnings else 0)
 
@@ -223,13 +245,14 @@ def export(
     format: Annotated[Format, typer.Argument(metavar="FORMAT", help="urdf or mjcf.")],  # noqa: A002  shown in the help
     mechanism: MechanismName,
     output: Annotated[Path, typer.Option(metavar="PATH", help="Folder, or file name of the URDF or MJCF.")],
+    legs: LegType = Legs.sps,
 ) -> None:
     """Write URDF, closure YAML and MJCF. Example: sixsps export urdf wu2012 --output description."""
     from sixsps.mechanism import Mechanism
     from urdf.export import export_mjcf, export_urdf
 
     hexapod = Mechanism.load(mechanism)
-    written = (export_urdf if format is Format.urdf else export_mjcf)(hexapod, output)
+    written = (export_urdf if format is Format.urdf else export_mjcf)(hexapod, output, legs)
     for path in written:
         typer.echo(str(path))
 
@@ -243,6 +266,53 @@ def engines() -> None:
     for outcome in probe(list(ENGINES)):
         here = outcome.status == "ok"
         typer.echo(f"{outcome.engine:<16}{outcome.facts['version'] if here else outcome.reason}")
+
+
+@app.command()
+def digits(
+    motion: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[MOTION]...",
+            help="Bundled names or files; line and sinusoids by default.",
+            autocompletion=_complete_motion,
+        ),
+    ] = None,
+    engine: Engines = None,
+    samples: Annotated[int, typer.Option(metavar="N", help="Samples of a bundled motion.")] = 401,
+    output: Annotated[Path | None, typer.Option(metavar="FILE", help="File for the table.")] = None,
+) -> None:
+    """Table of correct digits on all bundled mechanisms. Example: sixsps digits line sinusoids."""
+    from compare.digits import MOTIONS, cases, markdown
+    from compare.registry import ENGINES, check_names
+    from sixsps.files import write_atomically
+
+    check_names(engine or [])
+    done = list(cases(motion or MOTIONS, list(dict.fromkeys(engine or ENGINES)), samples))
+    table = markdown(done)
+    if output is None:
+        typer.echo(table, nl=False)
+    else:
+        with write_atomically(output) as temporary:
+            temporary.write_text(table, encoding="utf-8")
+    raise typer.Exit(0 if all(case.agreed for case in done) else 1)
+
+
+@app.command()
+def errata(
+    output: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder for the table and the case it is made from.")
+    ] = None,
+) -> None:
+    """Show what the paper's misprints cost. Example: sixsps errata --output errata."""
+    from sixsps.errata import markdown, write
+    from sixsps.files import output_folder
+
+    if output is None:
+        typer.echo(markdown())
+        return
+    for path in write(output_folder(output)):
+        typer.echo(str(path))
 
 
 def _print(renderable: Any) -> None:

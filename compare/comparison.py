@@ -1,31 +1,29 @@
-"""The main job: every engine along one motion, measured against the reference."""
+"""The main job: every engine along one motion, measured against certified forces."""
 
 from __future__ import annotations
 
-import os
-import platform
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
 
-from compare import metrics
-from compare.certification import certify
+from compare import facts, metrics
+from compare.judgement import judged, judged_with_spin
+from compare.reference import Reference, find_reference
+from compare.registry import TRAPS
 from compare.runner import Outcome, Watcher, run
-from compare.tolerances import TOLERANCES, rounding_bound
+from compare.tolerances import tolerance_of
 from sixsps.arrays import Array
-from sixsps.formulations import inverse_dynamics
-from sixsps.kinematics import LegKinematics, inverse_kinematics
+from sixsps.kinematics import inverse_kinematics
+from sixsps.legs import Legs
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
 from sixsps.singularity import SINGULAR_CONDITION
+from sixsps.universal_joints import spin_forces
 
-REFERENCE = "kane"
-SCHEMA = 1
-_PACKAGES = ("sixsps", "numpy", "scipy", "casadi", "pin", "xacro", "pyarrow", "python-flint")
+SCHEMA = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,14 +33,18 @@ class Comparison:
     Attributes:
         results: content of `results.json`, plain data.
         outcomes: forces and closure checks of every engine.
+        traps: the same of calls that are known to be wrong.
         motion: the motion they belong to.
-        reference: (n, 6) forces that errors are taken from [N]; NaN at singular samples.
+        reference: what errors are taken from.
+        largest_error_growth: of all samples; see `LegKinematics.error_growth`.
     """
 
     results: dict[str, Any]
     outcomes: list[Outcome]
+    traps: list[Outcome]
     motion: Motion
-    reference: Array
+    reference: Reference
+    largest_error_growth: float
 
     @property
     def agreed(self) -> bool:
@@ -58,7 +60,9 @@ def compare(
     motion: Motion,
     engines: Sequence[str],
     *,
+    traps: Sequence[str] = (),
     requested: Sequence[str] = (),
+    legs: Legs = Legs.sps,
     tolerance: float | None = None,
     time_limit: float | None = None,
     watch: Watcher = lambda *_: None,
@@ -69,7 +73,9 @@ def compare(
         mechanism: geometry and inertia.
         motion: n samples.
         engines: names to compare.
+        traps: names of calls that are known to be wrong, shown apart; they agree or fail for nobody.
         requested: those that the user asked for by name, so that their absence is a failure.
+        legs: joints of the engines' legs. The reference has legs that do not spin, SPS.
         tolerance: relative error allowed to every engine; by default each has its own.
         time_limit: for one engine's computation [s]; by default it grows with the samples.
         watch: told how the engines get on.
@@ -77,175 +83,54 @@ def compare(
     Returns:
         The comparison; an engine that fails is an entry of it, never an exception.
     """
-    legs = inverse_kinematics(mechanism, motion)
-    regular = legs.condition <= SINGULAR_CONDITION
-    outcomes = run(engines, mechanism, motion, regular, time_limit=time_limit, watch=watch)
-    reference = _reference(outcomes, mechanism, motion)
-    growth = np.where(regular, legs.error_growth, 1.0)
-    bound = rounding_bound(REFERENCE, float(growth.max()))
-    entries = {}
-    for outcome in outcomes:
-        allowed = TOLERANCES[outcome.engine].relative(growth)
+    kinematics = inverse_kinematics(mechanism, motion)
+    regular = kinematics.condition <= SINGULAR_CONDITION
+    names = [*engines, *traps]
+    outcomes = run(names, mechanism, motion, regular, legs=legs, time_limit=time_limit, watch=watch)
+    growth = np.where(regular, kinematics.error_growth, 1.0)
+    reference = find_reference(mechanism, motion, outcomes, growth)
+    spin = _spin(mechanism, motion) if legs is Legs.ups else None
+
+    def entry(outcome: Outcome) -> dict[str, Any]:
+        allowed = tolerance_of(outcome.engine).relative(growth)
         allowed = allowed if tolerance is None else np.full(len(motion), tolerance)
-        entries[outcome.engine] = _entry(outcome, reference, motion, allowed, bound)
-        entries[outcome.engine]["requested"] = outcome.engine in requested
+        if spin is None:
+            row = judged(outcome, reference, motion, allowed)
+        else:
+            row = judged_with_spin(outcome, reference, motion, allowed, spin)
+        return row | {"requested": outcome.engine in requested}
+
+    compared, caught = outcomes[: len(engines)], outcomes[len(engines) :]
     results = {
         "schema": SCHEMA,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "versions": _versions(),
-        "machine": _machine(),
-        "mechanism": _mechanism(mechanism),
-        "motion": _motion(motion),
-        "reference": {
-            "engine": REFERENCE,
-            "bound": bound,
-            "reason": f"{TOLERANCES[REFERENCE].rounding_factor:g} x cond(J) x (1 + coordinates / leg length) "
-            "x unit roundoff: " + TOLERANCES[REFERENCE].reason,
-        },
-        "engines": entries,
-        **_measures(mechanism, motion, legs, reference),
-        "certified": certify(mechanism, motion, outcomes, reference),
-        "singular_samples": metrics.singular_samples(motion, legs),
+        "versions": facts.versions(),
+        "machine": facts.machine(),
+        "mechanism": facts.mechanism_facts(mechanism),
+        "motion": facts.motion_facts(motion),
+        "leg_type": legs.value,
+        "reference": reference.facts(),
+        "engines": {outcome.engine: entry(outcome) for outcome in compared},
+        "traps": {outcome.engine: entry(outcome) | {"why": TRAPS[outcome.engine].why} for outcome in caught},
+        "universal_joints": None if spin is None else _universal_joints(spin, compared, reference),
+        **facts.measures(mechanism, motion, kinematics, reference.forces),
+        "singular_samples": metrics.singular_samples(motion, kinematics),
     }
-    return Comparison(results, outcomes, motion, reference)
+    return Comparison(results, compared, caught, motion, reference, float(growth.max()))
 
 
-def _reference(outcomes: list[Outcome], mechanism: Mechanism, motion: Motion) -> Array:
-    for outcome in outcomes:
-        if outcome.engine == REFERENCE and outcome.forces is not None:
-            return outcome.forces
-    return inverse_dynamics(mechanism, motion, REFERENCE)
+def _spin(mechanism: Mechanism, motion: Motion) -> Array:
+    from urdf.layout import first_axes  # with the whole of urdf, which takes its time to import
+
+    return spin_forces(mechanism, motion, first_axes(mechanism))
 
 
-def _entry(
-    outcome: Outcome, reference: Array, motion: Motion, allowed: Array, bound: float
-) -> dict[str, Any]:
-    entry: dict[str, Any] = {
-        "status": outcome.status,
-        "reason": outcome.reason,
-        "version": outcome.facts.get("version"),
-        "formulation": outcome.facts.get("formulation"),
-        "loops": outcome.facts.get("loops"),
-        "shares": outcome.facts.get("shares"),
-        "max_abs_error_N": None,
-        "max_rel_error": None,
-        "worst": None,
-        "digits": None,
-        "closure_residual": _largest(outcome.closure_residual),
-        "closure_error_m": _largest(outcome.closure_error),
-        "microseconds_per_sample": None,
-        "tolerance_rel": float(allowed.max()),
-        "within_tolerance": None,
-    }
-    samples = int(np.isfinite(reference).all(axis=1).sum())
-    if outcome.forces is None or samples == 0:
-        return entry
-    if outcome.seconds is not None:
-        entry["microseconds_per_sample"] = outcome.seconds / samples * 1e6
-    worst = metrics.worst_difference(outcome.forces, reference)
-    relative = metrics.relative_error(outcome.forces, reference)
-    # Of the reference itself no more can be said than its own bound.
-    known = bound if outcome.engine == REFERENCE else relative
-    return entry | {
-        "max_abs_error_N": worst.value,
-        "max_rel_error": relative,
-        "worst": {"t": float(motion.time[worst.sample]), "leg": worst.leg + 1},
-        "digits": metrics.digits(known),
-        "within_tolerance": metrics.within(outcome.forces, reference, allowed),
-    }
-
-
-def _largest(values: Array | None) -> float | None:
-    return None if values is None or not np.isfinite(values).any() else float(np.nanmax(values))
-
-
-def _measures(mechanism: Mechanism, motion: Motion, legs: LegKinematics, reference: Array) -> dict[str, Any]:
-    violations = metrics.limit_violations(legs.lengths, mechanism.length_limits)
-    worst = int(np.argmax(legs.condition))
+def _universal_joints(spin: Array, outcomes: list[Outcome], reference: Reference) -> dict[str, float | None]:
+    """Returns what the spin of the legs costs, and what it leaves unexplained of the engines' errors."""
+    left = [reference.errors(outcome.forces - spin) for outcome in outcomes if outcome.forces is not None]
+    largest = float(np.nan_to_num(np.abs(spin)).max())
     return {
-        "legs": [
-            {"leg": leg + 1}
-            | _range("length", "m", legs.lengths[:, leg])
-            | _range("length_rate", "m_s", legs.length_rates[:, leg])
-            | _range("force", "N", reference[:, leg])
-            for leg in range(6)
-        ],
-        "max_condition": {
-            "value": metrics.finite_or_none(float(legs.condition[worst])),
-            "t": float(motion.time[worst]),
-            "characteristic_length_m": mechanism.characteristic_length,
-        },
-        "limit_violations": [
-            {
-                "leg": violation.leg + 1,
-                "samples": violation.samples,
-                "t": float(motion.time[violation.worst_sample]),
-                "length_m": violation.length,
-                "limit_m": violation.limit,
-            }
-            for violation in violations
-        ],
-        **_power_balance(mechanism, motion, legs, reference),
-    }
-
-
-def _power_balance(
-    mechanism: Mechanism, motion: Motion, legs: LegKinematics, reference: Array
-) -> dict[str, Any]:
-    try:
-        from sixsps import symbolic
-    except Exception as error:  # a broken CasADi must not take the other engines' results along
-        why = f"the rate of energy needs CasADi: {type(error).__name__}: {error}"
-        return {"power_balance_residual": None, "power_balance_residual_W": None, "power_balance_reason": why}
-    rate = symbolic.evaluate(symbolic.energy_rate(), mechanism, motion)["rate"][:, 0]
-    balance = metrics.power_balance(mechanism, motion, legs, reference, rate)
-    return {
-        "power_balance_residual": metrics.finite_or_none(balance.relative),
-        "power_balance_residual_W": metrics.finite_or_none(balance.watts),
-        "power_balance_reason": "",
-    }
-
-
-def _range(name: str, unit: str, values: Array) -> dict[str, float | None]:
-    finite = values[np.isfinite(values)]
-    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (None, None)
-    return {f"{name}_min_{unit}": low, f"{name}_max_{unit}": high}
-
-
-def _mechanism(mechanism: Mechanism) -> dict[str, Any]:
-    return {
-        "name": mechanism.name,
-        "sha256": mechanism.sha256,
-        "source": mechanism.source,
-        "assumed": dict(mechanism.assumed),
-    }
-
-
-def _motion(motion: Motion) -> dict[str, Any]:
-    return {
-        "name": motion.name,
-        "sha256": motion.sha256,
-        "samples": len(motion),
-        "start_s": float(motion.time[0]),
-        "end_s": float(motion.time[-1]),
-        "estimated": dict(motion.estimated),
-        "changes": list(motion.changes),
-    }
-
-
-def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version()}
-    for package in _PACKAGES:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            continue
-    return found
-
-
-def _machine() -> dict[str, Any]:
-    return {
-        "system": f"{platform.system()} {platform.release()}",
-        "architecture": platform.machine(),
-        "cores": os.cpu_count(),
+        "spin_abs_N": largest,
+        "spin_rel": largest / reference.largest,
+        "unexplained_rel": float(np.nanmax(left)) / reference.largest if np.isfinite(left).any() else None,
     }

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compare.tolerances import tolerance_of
 from sixsps.arrays import Array
 from sixsps.files import write_atomically
 from sixsps.kinematics import inverse_kinematics
@@ -72,7 +73,9 @@ def write_figure(comparison: Comparison, mechanism: Mechanism, folder: Path) -> 
         figure = Figure(figsize=(10, 4.6))
         places = figure.subplot_mosaic([["view", "forces"], ["view", "errors"]], width_ratios=(1, 1.7))
         figure.subplots_adjust(left=0.02, right=0.83, bottom=0.11, top=0.94, wspace=0.25, hspace=0.1)
-        _draw_hexapod(places["view"], mechanism, comparison.motion, np.nan_to_num(comparison.reference[0]))
+        _draw_hexapod(
+            places["view"], mechanism, comparison.motion, np.nan_to_num(comparison.reference.forces[0])
+        )
         _draw_forces(places["forces"], comparison)
         _draw_errors(places["errors"], comparison)
         with write_atomically(path) as temporary:
@@ -85,7 +88,7 @@ def _thinned(samples: int) -> NDArray[np.intp]:
 
 
 def _draw_forces(axes: Axes, comparison: Comparison) -> None:
-    forces, time = comparison.reference, comparison.motion.time
+    forces, time = comparison.reference.forces, comparison.motion.time
     shown = _thinned(len(time))
     for leg in range(6):
         axes.plot(time[shown], forces[shown, leg], color=_COLORS[leg], label=str(leg + 1))
@@ -95,23 +98,42 @@ def _draw_forces(axes: Axes, comparison: Comparison) -> None:
 
 
 def _draw_errors(axes: Axes, comparison: Comparison) -> None:
-    reference, results = comparison.reference, comparison.results
+    reference, time = comparison.reference, comparison.motion.time
     axes.set_xlabel("time [s]")
-    axes.set_ylabel(f"difference from\n{results['reference']['engine']}, relative")
+    axes.set_ylabel(f"difference from\n{reference.stand_in}, relative")
     axes.set_yscale("log")
-    if not np.isfinite(reference).any():
+    if not np.isfinite(reference.forces).any():
         return
-    scale, floor = np.nanmax(np.abs(reference)), np.finfo(float).eps / 8
+    stand_in = _stand_in(comparison)
     for index, outcome in enumerate(comparison.outcomes):
-        if outcome.forces is None or outcome.engine == results["reference"]["engine"]:
+        if outcome.forces is None:
             continue
-        error = np.nan_to_num(np.abs(outcome.forces - reference)).max(axis=1) / scale
-        # The largest of every stretch, so that thinning hides no extreme.
-        starts = _thinned(len(error))
-        worst = np.maximum(np.maximum.reduceat(error, starts), floor)
-        axes.plot(comparison.motion.time[starts], worst, color=_COLORS[index % 6], label=outcome.engine, lw=1)
-    axes.axhline(results["reference"]["bound"], color="0.3", ls="--", lw=1, label="rounding bound")
-    axes.legend(loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
+        look: dict[str, Any] = {"color": _COLORS[index % 6], "label": outcome.engine, "lw": 1}
+        if outcome.engine != reference.stand_in:
+            error = _relative(np.abs(outcome.forces - stand_in), reference.largest)
+            # The largest of every stretch, so that thinning hides no extreme.
+            starts = _thinned(len(error))
+            style = "-" if index < len(_COLORS) else "--"
+            axes.plot(time[starts], np.maximum.reduceat(error, starts), ls=style, **look)
+            look.pop("label")
+        if reference.truth is not None:
+            true = _relative(reference.errors(outcome.forces), reference.largest)
+            axes.plot(time[reference.samples], true, ls="", marker=".", ms=4, **look)
+    bound = tolerance_of(reference.stand_in).rounding(comparison.largest_error_growth)
+    axes.axhline(bound, color="0.3", ls=":", lw=1, label="rounding bound")
+    axes.legend(loc="center left", bbox_to_anchor=(1, 0.5), frameon=False, fontsize=7)
+
+
+def _stand_in(comparison: Comparison) -> Array:
+    for outcome in comparison.outcomes:
+        if outcome.engine == comparison.reference.stand_in and outcome.forces is not None:
+            return outcome.forces
+    return comparison.reference.forces
+
+
+def _relative(errors: Array, scale: float) -> Array:
+    """Returns the largest error of each sample, relative, with a floor that a logarithm can show."""
+    return np.maximum(np.nan_to_num(errors).max(axis=1) / scale, np.finfo(float).eps / 8)
 
 
 def _draw_hexapod(axes: Axes, mechanism: Mechanism, motion: Motion, forces: Array) -> None:

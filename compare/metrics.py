@@ -48,23 +48,33 @@ def relative_error(forces: Array, reference: Array) -> float:
     return worst_difference(forces, reference).value / (largest or 1.0)
 
 
+def scales(reference: Array) -> Array:
+    """Returns (n,) what errors are taken relative to, sample by sample [N].
+
+    A sample's own largest force or, where that is more, what is usual along the motion: huge forces
+    near a singularity excuse no error elsewhere, and a sample whose forces happen to vanish is not
+    held to what rounding cannot give.
+
+    Args:
+        reference: (n, 6) [N]; NaN at samples that do not count, and in the result.
+    """
+    largest = np.abs(reference).max(axis=1)
+    usual = np.median(largest[np.isfinite(largest)]) if np.isfinite(largest).any() else 0.0
+    scale = np.maximum(largest, usual)
+    return np.where(scale == 0, 1.0, scale)
+
+
 def within(forces: Array, reference: Array, allowed: Array) -> bool:
     """Returns whether |forces - reference| stays within its tolerance at every sample.
-
-    A sample's error is taken relative to its own largest force or, where that is more, to what is
-    usual along the motion: huge forces near a singularity excuse no error elsewhere, and a sample
-    whose forces happen to vanish is not held to what rounding cannot give.
 
     Args:
         forces: (n, 6) [N].
         reference: (n, 6) [N]; samples with NaN do not count.
-        allowed: (n,) relative error allowed at a sample.
+        allowed: (n,) relative error allowed at a sample; see `scales`.
     """
     counted = np.isfinite(reference).all(axis=1)
-    largest = np.abs(reference[counted]).max(axis=1)
-    scale = np.maximum(largest, np.median(largest))
-    difference = np.abs(forces[counted] - reference[counted]).max(axis=1)
-    return bool(np.all(difference <= allowed[counted] * np.where(scale > 0, scale, 1.0)))
+    difference = np.abs(forces - reference).max(axis=1)
+    return bool(np.all((difference <= allowed * scales(reference))[counted]))
 
 
 def digits(relative: float) -> float:

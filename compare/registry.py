@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError, requires, version
 from importlib.util import find_spec
+
+from packaging.requirements import Requirement
 
 from compare.engine import Engine
 from sixsps.errors import EngineUnavailable, UnknownNameError
+from sixsps.legs import Legs
 
 
 @dataclass(frozen=True)
@@ -18,8 +22,10 @@ class Entry:
         module: file that holds it.
         attribute: its class there.
         library: import name of what it needs.
-        package: distribution that provides the library.
+        package: distribution that provides the library; which versions will do is said once, in
+            the requirements of sixsps.
         extra: extra of sixsps that installs it; empty when it is part of the core.
+        ups: its class for legs on universal joints; empty when it has none.
     """
 
     module: str
@@ -27,41 +33,127 @@ class Entry:
     library: str
     package: str
     extra: str = ""
+    ups: str = ""
 
 
 ENGINES: dict[str, Entry] = {
     "kane": Entry("compare.engines.kane", "Kane", "numpy", "numpy"),
     "casadi": Entry("compare.engines.casadi", "Casadi", "casadi", "casadi"),
-    "pinocchio": Entry("compare.engines.pinocchio", "Pinocchio", "pinocchio", "pin"),
+    "lagrange": Entry("compare.engines.lagrange", "Lagrange", "casadi", "casadi"),
+    "newton-euler": Entry("compare.engines.newton_euler", "NewtonEuler", "numpy", "numpy"),
+    "virtual-work": Entry("compare.engines.virtual_work", "VirtualWork", "numpy", "numpy"),
+    "pinocchio": Entry("compare.engines.pinocchio", "Pinocchio", "pinocchio", "pin", ups="PinocchioUps"),
     "pinocchio-ball": Entry("compare.engines.pinocchio", "PinocchioBall", "pinocchio", "pin"),
+    "mujoco": Entry("compare.engines.mujoco", "Mujoco", "mujoco", "mujoco", "mujoco", ups="MujocoUps"),
+    "drake": Entry("compare.engines.drake", "Drake", "pydrake", "drake", "drake", ups="DrakeUps"),
+    "dart": Entry("compare.engines.dart", "Dart", "dartpy", "dartpy", "dart", ups="DartUps"),
+    "exudyn": Entry("compare.engines.exudyn", "Exudyn", "exudyn", "exudyn", "exudyn"),
+    "opensim": Entry("compare.engines.opensim", "Opensim", "opensim", "opensim", "opensim"),
+    "sympy": Entry("compare.engines.sympy", "Sympy", "sympy", "sympy", "sympy"),
 }
 
 
-def check_names(names: list[str]) -> None:
-    """Raises UnknownNameError, which lists the engines that exist, for a name that is none."""
-    for name in names:
-        if name not in ENGINES:
-            raise UnknownNameError("engine", name, ", ".join(ENGINES))
+@dataclass(frozen=True)
+class Trap(Entry):
+    """A call that people reach for and that is wrong; `why` says so in one sentence."""
+
+    why: str = ""
 
 
-def load(name: str) -> type[Engine]:
-    """Returns the class of an engine.
+TRAPS: dict[str, Trap] = {
+    "wu2012-printed": Trap(
+        "compare.traps.formulations", "Wu2012Printed", "numpy", "numpy",
+        why="The equations exactly as printed, with a wrong sign, vectors in the wrong axes and terms left "
+        "out: see the table of errata.",
+    ),
+    "euler-rates": Trap(
+        "compare.traps.formulations", "EulerRates", "numpy", "numpy",
+        why="The rates of Euler angles are no angular velocity: it is E(alpha, beta) times them.",
+    ),
+    "massless-legs": Trap(
+        "compare.traps.formulations", "MasslessLegs", "numpy", "numpy",
+        why="The legs' weight and inertia are loads of the actuators too.",
+    ),
+    "pinocchio-tree": Trap(
+        "compare.traps.pinocchio", "PinocchioTree", "pinocchio", "pin",
+        why="RNEA of the open tree knows no loop: its actuator forces carry their own leg and nothing of the "
+        "platform, which hangs on forces that no joint of the machine exerts.",
+    ),
+    "pinocchio-contact": Trap(
+        "compare.traps.pinocchio", "PinocchioContact", "pinocchio", "pin",
+        why="contactInverseDynamics is made for contacts with friction: on loop closures it finds no force, "
+        "reports convergence and returns the open tree's torques.",
+    ),
+    "mujoco-equality": Trap(
+        "compare.traps.mujoco", "MujocoEquality", "mujoco", "mujoco", "mujoco",
+        why="MuJoCo's closures push only as far as a motion violates them: along one that keeps the loops "
+        "closed they carry no load, and each actuator feels no more than its own upper link.",
+    ),
+    "drake-tree": Trap(
+        "compare.traps.drake", "DrakeTree", "pydrake", "drake", "drake",
+        why="CalcInverseDynamics ignores the plant's constraints: an actuator carries its own leg, and "
+        "nothing of the platform.",
+    ),
+}  # fmt: skip
+
+
+def with_legs(legs: Legs) -> list[str]:
+    """Returns the names of the engines that have such legs."""
+    return [name for name, place in ENGINES.items() if legs is Legs.sps or place.ups]
+
+
+def check_names(names: list[str], *, traps: bool = False) -> None:
+    """Raises UnknownNameError, which lists the engines that exist, for a name that is none.
 
     Args:
-        name: one of `ENGINES`.
+        names: to check.
+        traps: whether the name of a trap will do.
+    """
+    for name in names:
+        if name not in ENGINES and not (traps and name in TRAPS):
+            raise UnknownNameError("engine", name, ", ".join([*ENGINES, *(TRAPS if traps else ())]))
+
+
+def entry(name: str, legs: Legs = Legs.sps) -> Entry:
+    """Returns where an engine or a trap is.
+
+    Args:
+        name: one of `ENGINES` or `TRAPS`.
+        legs: joints of its legs.
 
     Raises:
         UnknownNameError: there is no such engine.
-        EngineUnavailable: its library is missing or broken; the reason is what importing it said.
+        EngineUnavailable: its legs are SPS only.
     """
-    check_names([name])
-    return load_entry(name, ENGINES[name])
+    check_names([name], traps=True)
+    found = ENGINES.get(name) or TRAPS[name]
+    if legs is Legs.ups and not found.ups:
+        raise EngineUnavailable(name, "its legs stand on ball joints only")
+    attribute = found.ups if legs is Legs.ups else found.attribute
+    return Entry(found.module, attribute, found.library, found.package, found.extra)
+
+
+def load(name: str, legs: Legs = Legs.sps) -> type[Engine]:
+    """Returns the class of an engine.
+
+    Args:
+        name: one of `ENGINES` or `TRAPS`.
+        legs: joints of its legs.
+
+    Raises:
+        UnknownNameError: there is no such engine.
+        EngineUnavailable: its legs are SPS only, or its library is missing or broken; the reason is
+            what importing it said.
+    """
+    return load_entry(name, entry(name, legs))
 
 
 def load_entry(name: str, entry: Entry) -> type[Engine]:
     """Returns the class of an engine that need not be registered; see `load`."""
-    if find_spec(entry.library) is None:
-        raise EngineUnavailable(name, f"package {entry.package} is not installed", entry.extra)
+    check_installed(name, entry)
+    wrong = _wrong_version(entry.package)
+    if wrong:
+        raise EngineUnavailable(name, wrong, entry.extra)
     try:
         import_module(entry.library)
     except Exception as error:  # a broken installation may raise anything
@@ -69,3 +161,21 @@ def load_entry(name: str, entry: Entry) -> type[Engine]:
         raise EngineUnavailable(name, reason, entry.extra) from error
     engine: type[Engine] = getattr(import_module(entry.module), entry.attribute)
     return engine
+
+
+def check_installed(name: str, entry: Entry) -> None:
+    """Raises EngineUnavailable where an engine's library is not there; imports nothing."""
+    if find_spec(entry.library) is None:
+        raise EngineUnavailable(name, f"package {entry.package} is not installed", entry.extra)
+
+
+def _wrong_version(package: str) -> str:
+    """Returns what is wrong with the installed version of a package, by the requirements of sixsps."""
+    try:
+        installed, lines = version(package), requires("sixsps") or []
+    except PackageNotFoundError:  # part of another distribution, or sixsps runs from its source alone
+        return ""
+    for requirement in map(Requirement, lines):
+        if requirement.name == package and not requirement.specifier.contains(installed, prereleases=True):
+            return f"package {package} {installed} is installed, {requirement.specifier} is needed"
+    return ""

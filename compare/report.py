@@ -1,4 +1,4 @@
-"""`results.json` to a Markdown report and a table for the terminal; computes nothing itself."""
+"""`results.json` to a Markdown report; computes nothing itself."""
 
 from __future__ import annotations
 
@@ -6,167 +6,24 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
-from rich.console import Group
-from rich.table import Table
-from rich.text import Text
+from compare.summary import answer, figures, number, summary, verdict
 
-from compare.certification import CHOICE
-from sixsps.errors import printable
-
-_MOST_SINGULAR_SHOWN = 5
 _NO_FIGURE = 'Without a picture: matplotlib is not installed (`pip install "sixsps[figures]"`).'
 _LIMITATIONS = (
-    "The reference of the table is one of the formulations that are compared, in double precision: an error "
-    "smaller than its bound cannot be told from the reference's own. True errors are proven, by ball "
-    "arithmetic from a derivation of its own, at some samples only: " + CHOICE + ".",
     "Legs are rigid, symmetric about their axes and do not spin; joints have no friction and no play.",
     "Length limits never change the forces of a given motion, samples outside are flagged; bundled motions "
     "and --fit are sized by them.",
     "Which samples are singular is decided by the leg kinematics of `kane`; no engine is given those.",
     "The power balance takes the rate of energy from the CasADi model.",
 )
-
-
-def answer(results: dict[str, Any]) -> str:
-    """Returns the outcome of a comparison in one sentence."""
-    engines, reference = results["engines"], results["reference"]["engine"]
-    compared = {
-        name: entry
-        for name, entry in engines.items()
-        if entry["max_rel_error"] is not None and name != reference
-    }
-    wrong = [name for name, entry in engines.items() if entry["within_tolerance"] is False]
-    failed = [name for name, entry in engines.items() if entry["status"] == "failed"]
-    missing = [name for name, entry in engines.items() if entry["status"] == "unavailable"]
-    parts = []
-    if wrong:
-        parts.append(f"{_list(wrong)} {'disagrees' if len(wrong) == 1 else 'disagree'} with {reference}")
-    elif compared:
-        worst = max(entry["max_rel_error"] for entry in compared.values())
-        count = len(compared) + 1
-        who = f"{count} engines agree" if count > 2 else f"{_list(compared)} agrees with {reference}"
-        parts.append(f"{who} to {worst:.1e} of the largest leg force")
-    else:
-        parts.append("nothing was compared")
-    if failed:
-        parts.append(f"{_list(failed)} failed")
-    if missing:
-        parts.append(f"{_list(missing)} not available")
-    singular = results["singular_samples"]
-    if singular:
-        count = len(singular)
-        parts.append(f"{count} singular sample{'s' if count > 1 else ''} without forces")
-    return "; ".join(parts) + "."
-
-
-def _list(names: Iterable[str]) -> str:
-    return ", ".join(names)
-
-
-def terminal(results: dict[str, Any]) -> Group:
-    """Returns what a person at a terminal sees: the engines, then the mechanism, in 80 columns."""
-    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
-    table.add_column("engine", no_wrap=True)
-    for heading in ("digits", "relative", "error N", "t [s]", "leg", "us"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("version", no_wrap=True)
-    table.add_column("", no_wrap=True)
-    notes = []
-    for name, entry in results["engines"].items():
-        figures = _figures(entry, name == results["reference"]["engine"])
-        word, style = _VERDICTS[_verdict(entry)]
-        table.add_row(name, *figures, entry["version"] or "", Text(word, style=style))
-        if entry["reason"]:
-            notes.append(Text(f"{name}: {printable(entry['reason'])}"))
-    lines = [Text(line) for line in _summary(results)]
-    return Group(table, Text(), *notes, *lines)
-
-
-_VERDICTS = {
-    "ok": ("ok", "green"),
-    "wrong": ("WRONG", "bold red"),
-    "failed": ("FAILED", "bold red"),
-    "unavailable": ("absent", "yellow"),
-}
-
-
-def _verdict(entry: dict[str, Any]) -> str:
-    wrong = entry["status"] == "ok" and entry["within_tolerance"] is False
-    return "wrong" if wrong else str(entry["status"])
-
-
-def _figures(entry: dict[str, Any], is_reference: bool) -> list[str]:
-    """Returns digits, relative and absolute error, time and leg of the largest, time per sample."""
-    if entry["max_rel_error"] is None:
-        return [""] * 6
-    cost = entry["microseconds_per_sample"]
-    spent = f"{cost:.1f}" if cost is not None else ""
-    if is_reference:
-        return ["ref.", "", "", "", "", spent]
-    worst = entry["worst"]
-    errors = [f"{entry['max_rel_error']:.1e}", f"{entry['max_abs_error_N']:.1e}"]
-    return [f"{entry['digits']:.1f}", *errors, f"{worst['t']:.5g}", str(worst["leg"]), spent]
-
-
-def _summary(results: dict[str, Any]) -> list[str]:
-    legs, condition = results["legs"], results["max_condition"]
-    shortest, longest = _extremes(legs, "length_min_m"), _extremes(legs, "length_max_m")
-    lowest, highest = _extremes(legs, "force_min_N"), _extremes(legs, "force_max_N")
-    balance = results["power_balance_reason"] or (
-        f"{_number(results['power_balance_residual'])} of the power exchanged"
-    )
-    lines = [
-        _certified_line(results["certified"]),
-        f"leg lengths {_number(min(shortest, default=None))} to {_number(max(longest, default=None))} m, "
-        f"forces {_number(min(lowest, default=None))} to {_number(max(highest, default=None))} N, "
-        f"cond(J) up to {_number(condition['value'])}",
-        f"power balance residual: {balance}",
-    ]
-    if results["mechanism"]["assumed"]:
-        lines.append("assumed, not given by the source: " + ", ".join(results["mechanism"]["assumed"]))
-    lines += [_violation_line(violation) for violation in results["limit_violations"]]
-    return lines + singular_lines(results["singular_samples"])
-
-
-def _certified_line(certified: dict[str, Any]) -> str:
-    if certified["reason"]:
-        return f"no certified errors: {printable(certified['reason'])}"
-    errors = ", ".join(f"{name} {error:.1e}" for name, error in certified["engines"].items())
-    return f"true errors at {certified['samples']} certified samples: {errors}"
-
-
-def _violation_line(violation: dict[str, Any]) -> str:
-    return (
-        f"leg {violation['leg']} is outside its limit {violation['limit_m']:g} m at "
-        f"{violation['samples']} samples, worst {violation['length_m']:.6g} m at t = {violation['t']:g} s"
-    )
-
-
-def _extremes(legs: list[dict[str, Any]], key: str) -> list[float]:
-    return [leg[key] for leg in legs if leg[key] is not None]
-
-
-def _number(value: float | None, digits: int = 4) -> str:
-    return "none" if value is None else f"{value:.{digits}g}"
-
-
-def _span(leg: dict[str, Any], name: str, unit: str) -> str:
-    low, high = (_number(leg[f"{name}_{end}_{unit}"], 6) for end in ("min", "max"))
-    return f"{low} to {high}"
-
-
-def singular_lines(samples: list[dict[str, Any]]) -> list[str]:
-    """Returns one line for each of the first singular samples, and how many more there are."""
-    lines = []
-    for sample in samples[:_MOST_SINGULAR_SHOWN]:
-        condition = "infinite" if sample["condition"] is None else f"{sample['condition']:.1e}"
-        lines.append(
-            f"sample {sample['sample']} at t = {sample['t']:g} s is singular: "
-            f"cond(J) is {condition}, no forces"
-        )
-    if len(samples) > _MOST_SINGULAR_SHOWN:
-        lines.append(f"and {len(samples) - _MOST_SINGULAR_SHOWN} more singular samples")
-    return lines
+_UPS = (
+    "Legs on universal joints are another mechanism. A leg on ball joints that does not spin about its axis "
+    "never will; a universal joint makes it turn about its axis as it swings, and exerts the moment that its "
+    "axial inertia needs for that. This moment is square to both axes of the joint, not along the leg: a "
+    "part of it bends the leg and reaches the actuators. The difference is therefore physical, and in "
+    "proportion to the axial inertia. The errors in the table are against legs that do not spin; an "
+    "engine is also held to what is left of them when the spin's forces, known in closed form, are taken off."
+)
 
 
 def markdown(results: dict[str, Any], figure: str | None = None) -> str:
@@ -183,11 +40,13 @@ def markdown(results: dict[str, Any], figure: str | None = None) -> str:
         f"![Hexapod, leg forces and differences between engines]({figure})" if figure else _NO_FIGURE,
         _engines(results),
         _failures(results),
+        _universal_joints(results),
+        _traps(results),
         "## How each engine works",
         _methods(results),
         "## The mechanism along the motion",
         _legs(results),
-        "\n".join(f"- {_escaped(line)}" for line in _summary(results)),
+        "\n".join(f"- {_escaped(line)}" for line in summary(results)),
         "## Inputs",
         _inputs(results),
         "## Known limitations",
@@ -206,23 +65,67 @@ def _engines(results: dict[str, Any]) -> str:
     reference = results["reference"]
     rows = []
     for name, entry in results["engines"].items():
-        digits, relative, absolute, when, leg, cost = _figures(entry, name == reference["engine"])
-        verdict = _verdict(entry)
+        digits, relative, absolute, when, leg, cost = figures(entry, name == reference["engine"])
+        judged = verdict(entry)
         rows.append(
             (
                 name, entry["version"] or "", digits, relative, f"{entry['tolerance_rel']:.1e}", absolute,
                 when, leg, _small(entry["closure_residual"]), _small(entry["closure_error_m"]), cost,
-                "**disagrees**" if verdict == "wrong" else verdict,
+                "**disagrees**" if judged == "wrong" else judged,
             )
         )  # fmt: skip
-    note = (
-        f"Errors are against `{reference['engine']}`, whose own rounding error is below "
-        f"{reference['bound']:.1e} relative ({reference['reason']}). Relative error: largest difference "
-        "over all samples and legs, divided by the largest reference force; the verdict is made sample by "
-        "sample, and `allowed` is the largest of the samples' tolerances. Closure residual: what actuator "
-        "and closure forces leave of the open tree's generalised forces [N, N m]."
+    return _table(header, rows) + "\n\n" + _note(reference)
+
+
+def _note(reference: dict[str, Any]) -> str:
+    if reference["missing"]:
+        whose = (
+            f"Errors are against `{reference['engine']}` at all samples, whose own rounding error is below "
+            f"{reference['bound']:.1e} relative ({reference['reason']}). Nothing is certified: "
+            f"{_escaped(reference['missing'])}."
+        )
+    else:
+        whose = (
+            f"Errors are true errors: at {reference['samples']} samples ({reference['choice']}) the forces "
+            f"are enclosed in ball arithmetic to {reference['bound']:.0e} of the sample's largest, from "
+            "positions alone, by a derivation that shares no formula with `kane`. Digits are correct "
+            f"digits. At the other samples the verdict is against `{reference['stand_in']}`, which the "
+            "certified ones confirm."
+        )
+    return (
+        f"{whose} Relative error: largest error over samples and legs, divided by the largest force of the "
+        "motion; the verdict is made sample by sample, and `allowed` is the largest of the samples' "
+        "tolerances. Closure residual: what actuator and closure forces leave of the open tree's generalised "
+        "forces [N, N m]."
     )
-    return _table(header, rows) + "\n\n" + note
+
+
+def _traps(results: dict[str, Any]) -> str:
+    if not results["traps"]:
+        return ""
+    rows = []
+    for name, entry in results["traps"].items():
+        _, relative, absolute, when, leg, _ = figures(entry, False)
+        shown = entry["why"] + (" On this motion it does no harm." if entry["within_tolerance"] else "")
+        if entry["status"] != "ok":
+            shown = f"{entry['status']}: {entry['reason']}"
+        rows.append((name, entry["version"] or "", relative, absolute, when, leg, shown))
+    header = ("call", "version", "relative error", "largest error [N]", "at t [s]", "leg", "why")
+    intro = "Calls that people reach for, wrong without a word. They count for nothing in the verdict."
+    return "## Traps\n\n" + intro + "\n\n" + _table(header, rows)
+
+
+def _universal_joints(results: dict[str, Any]) -> str:
+    if results["leg_type"] != "ups":
+        return ""
+    joints = results["universal_joints"]
+    cost = (
+        f"Along this motion the spin costs up to {joints['spin_abs_N']:.1e} N, {joints['spin_rel']:.1e} of "
+    )
+    cost += "the largest force."
+    if joints["unexplained_rel"] is not None:
+        cost += f" Without it the largest error is {joints['unexplained_rel']:.1e}."
+    return f"## Universal joints\n\n{_UPS} {cost}"
 
 
 def _small(value: float | None) -> str:
@@ -256,10 +159,15 @@ def _legs(results: dict[str, Any]) -> str:
     ]
     condition = results["max_condition"]
     note = (
-        f"Largest cond(J): {_number(condition['value'])} at t = {condition['t']:g} s, moments divided "
+        f"Largest cond(J): {number(condition['value'])} at t = {condition['t']:g} s, moments divided "
         f"by {condition['characteristic_length_m']:.4g} m."
     )
     return _table(header, rows) + "\n\n" + note
+
+
+def _span(leg: dict[str, Any], name: str, unit: str) -> str:
+    low, high = (number(leg[f"{name}_{end}_{unit}"], 6) for end in ("min", "max"))
+    return f"{low} to {high}"
 
 
 def _inputs(results: dict[str, Any]) -> str:

@@ -19,9 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compare.registry import ENGINES
+from compare.registry import Entry, check_installed, entry
 from compare.worker import ENGINE, FORCES, JOB, PROGRESS, STATUS
 from sixsps.arrays import Array
+from sixsps.errors import EngineUnavailable
+from sixsps.legs import Legs
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
 
@@ -69,6 +71,7 @@ def run(
     motion: Motion,
     regular: NDArray[np.bool_],
     *,
+    legs: Legs = Legs.sps,
     time_limit: float | None = None,
     watch: Watcher = lambda *_: None,
 ) -> list[Outcome]:
@@ -79,6 +82,7 @@ def run(
         mechanism: geometry and inertia.
         motion: n samples.
         regular: (n,) bool; only these samples are given to the engines, the others' forces are NaN.
+        legs: joints of the engines' legs.
         time_limit: for one engine's computation [s]; by default 2 min and 10 ms a sample.
         watch: told of every change.
 
@@ -90,7 +94,7 @@ def run(
     given.rotation  # noqa: B018  computed once, here, and handed on with the motion
     job = pickle.dumps((mechanism, given))
     limit = _BASE_LIMIT_S + _LIMIT_PER_SAMPLE_S * len(motion) if time_limit is None else time_limit
-    outcomes = _run_all(engines, job, limit, watch)
+    outcomes = _run_all(engines, legs, job, limit, watch)
     for outcome in outcomes:
         _spread(outcome, regular)
         _refuse_nonsense(outcome, motion, regular)
@@ -99,15 +103,15 @@ def run(
 
 def probe(engines: Sequence[str]) -> list[Outcome]:
     """Returns, without computing anything, whether each engine is there and which version it is."""
-    return _run_all(engines, None, START_LIMIT_S, lambda *_: None)
+    return _run_all(engines, Legs.sps, None, START_LIMIT_S, lambda *_: None)
 
 
 class _Process:
     """A worker and the folder through which it talks."""
 
-    def __init__(self, engine: str, folder: Path, job: bytes | None) -> None:
+    def __init__(self, engine: str, place: Entry, folder: Path, job: bytes | None) -> None:
         self.engine, self.folder = engine, folder
-        asked = {"name": engine, "entry": asdict(ENGINES[engine])}
+        asked = {"name": engine, "entry": asdict(place)}
         (folder / ENGINE).write_text(json.dumps(asked))
         if job is not None:
             (folder / JOB).write_bytes(job)
@@ -148,13 +152,21 @@ class _Process:
         self.process.wait()
 
 
-def _run_all(engines: Sequence[str], job: bytes | None, time_limit: float, watch: Watcher) -> list[Outcome]:
+def _run_all(
+    engines: Sequence[str], legs: Legs, job: bytes | None, time_limit: float, watch: Watcher
+) -> list[Outcome]:
     outcomes: dict[str, Outcome] = {}
     with ExitStack() as stack:
         processes = []
         for engine in engines:
+            try:
+                place = entry(engine, legs)
+                check_installed(engine, place)
+            except EngineUnavailable as error:
+                outcomes[engine] = Outcome(engine, "unavailable", str(error))
+                continue
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sixsps-")))
-            process = _Process(engine, folder, job)
+            process = _Process(engine, place, folder, job)
             stack.callback(process.stop)
             processes.append(process)
             watch(engine, "starting", 0)

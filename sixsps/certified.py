@@ -2,7 +2,7 @@
 
 The float64 inputs are taken as exact and quaternions are normalised inside. Every operation encloses
 its own rounding, so that the true force lies within the stated radius; precision is raised until that
-radius is below 1e-20 of the largest leg force. Needs python-flint, the extra `certified`.
+radius is below 1e-20 of the largest leg force.
 
 The derivation shares no formula with `kane.py`: it knows positions only. Along the motion a point is a
 power series in time, under a virtual displacement a series in its size; accelerations and displacements

@@ -11,12 +11,18 @@ ROOT = Path(__file__).parents[1]
 ROOMS = ("sixsps", "urdf", "compare")
 FORBIDDEN = {"sixsps": {"urdf", "compare"}, "urdf": {"compare"}, "compare": set()}
 # Library -> files that may import it.
+# Every engine library in the file of its engine, and in that of the traps that are set in it.
 HOMES = {
-    "casadi": {"sixsps/symbolic.py"},
-    "pinocchio": {"compare/engines/pinocchio.py"},
-    "xacro": {"urdf/render.py"},
-    "mujoco": set(),
+    "casadi": {"sixsps/symbolic.py", "sixsps/formulations/lagrange.py"},
+    "dartpy": {"compare/engines/dart.py"},
+    "exudyn": {"compare/engines/exudyn.py"},
     "flint": {"sixsps/certified.py"},
+    "mujoco": {"compare/engines/mujoco.py", "compare/traps/mujoco.py"},
+    "opensim": {"compare/engines/opensim.py"},
+    "pinocchio": {"compare/engines/pinocchio.py", "compare/traps/pinocchio.py"},
+    "pydrake": {"compare/engines/drake.py", "compare/traps/drake.py"},
+    "sympy": {"compare/engines/sympy.py"},
+    "xacro": {"urdf/render.py"},
 }
 
 

@@ -4,10 +4,12 @@ import dataclasses
 import json
 import os
 import pty
+import re
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -15,6 +17,7 @@ import pytest
 from cases import RECORDED
 
 import sixsps
+from compare.registry import ENGINES, TRAPS
 from sixsps.trajectories import bundled
 
 COMMAND = [sys.executable, "-m", "compare"]
@@ -36,7 +39,7 @@ class TestCompare:
         folder, result = done
         assert result.returncode == 0, result.stdout + result.stderr
         assert result.stderr == ""
-        assert "4 engines agree to" in result.stdout
+        assert re.search(r"\d+ engines agree with the certified forces to \d\.\de-1[45]", result.stdout)
         assert "report: report/report.md" in result.stdout
         names = {path.name for path in (folder / "report").iterdir()} - {"report.svg"}  # with matplotlib
         assert names == {"forces.parquet", "report.md", "results.json"}
@@ -53,8 +56,8 @@ class TestCompare:
         assert set(results["mechanism"]) >= {"name", "sha256"}
         assert set(results["motion"]) >= {"name", "sha256"}
         assert set(results["reference"]) >= {"engine", "bound"}
-        assert list(results["engines"]) == ["kane", "casadi", "pinocchio", "pinocchio-ball"]
-        for entry in results["engines"].values():
+        assert list(results["engines"]) == list(ENGINES)
+        for name, entry in results["engines"].items():
             assert set(entry) >= {
                 "status",
                 "reason",
@@ -69,8 +72,56 @@ class TestCompare:
                 "tolerance_rel",
                 "within_tolerance",
             }
-            assert set(entry["worst"]) == {"t", "leg"}
+            if entry["status"] == "ok":
+                assert set(entry["worst"]) == {"t", "leg"}
+            else:
+                assert ENGINES[name].extra
+                assert (entry["status"], entry["worst"]) == ("unavailable", None)
         assert results["command"] == "sixsps compare --samples 200"
+
+    def test_traps_stand_apart_and_change_no_exit_status(self, tmp_path):
+        result = sixsps_command(
+            "compare", "wu2012", "sinusoids", "--samples", 20, "--engine", "kane", "--traps",
+            "--output", tmp_path / "out",
+        )  # fmt: skip
+        assert result.returncode == 0, result.stdout + result.stderr
+        results = json.loads((tmp_path / "out" / "results.json").read_text())
+        assert list(results["traps"]) == list(TRAPS)
+        wrong = [entry for entry in results["traps"].values() if entry["status"] == "ok"]
+        assert len(wrong) >= 5
+        assert all(entry["within_tolerance"] is False for entry in wrong)
+        shown = [line for line in result.stdout.splitlines() if not line.startswith("report: ")]
+        assert max(map(len, shown)) <= 80
+
+    def test_a_trap_asked_for_by_name_is_judged_like_any_engine(self, tmp_path):
+        result = sixsps_command(
+            "compare", "wu2012", "sinusoids", "--samples", 20, "--engine", "wu2012-printed",
+            "--output", tmp_path / "out",
+        )  # fmt: skip
+        assert result.returncode == 1
+        assert "wu2012-printed disagrees with the certified forces" in result.stdout
+
+    def test_universal_joints_are_judged_at_their_own_tolerance(self, tmp_path):
+        result = sixsps_command(
+            "compare", "wu2012", "sinusoids", "--samples", 20, "--legs", "ups", "--output", tmp_path / "out"
+        )
+        assert result.returncode == 0, result.stdout + result.stderr
+        results = json.loads((tmp_path / "out" / "results.json").read_text())
+        assert results["leg_type"] == "ups"
+        assert all(ENGINES[name].ups for name in results["engines"])
+        pinocchio = results["engines"]["pinocchio"]
+        assert pinocchio["tolerance_rel"] == 1e-6
+        assert 1e-9 < pinocchio["max_rel_error"] < 1e-6
+        assert results["universal_joints"]["unexplained_rel"] < 1e-13
+        assert "errors are against legs that do not spin" in " ".join(result.stdout.split())
+        assert "## Universal joints" in (tmp_path / "out" / "report.md").read_text()
+
+    def test_an_engine_without_universal_joints_says_so(self, tmp_path):
+        result = sixsps_command(
+            "compare", "--samples", 5, "--legs", "ups", "--engine", "kane", "--output", tmp_path / "out"
+        )
+        assert result.returncode == 1
+        assert "its legs stand on ball joints only" in " ".join(result.stdout.split())
 
     def test_impossible_tolerance_exits_with_1(self, tmp_path):
         result = sixsps_command(
@@ -78,7 +129,7 @@ class TestCompare:
             "--tolerance", "1e-30", "--output", tmp_path / "out",
         )  # fmt: skip
         assert result.returncode == 1
-        assert "casadi disagrees with kane" in result.stdout
+        assert "casadi disagrees with the certified forces" in result.stdout
 
     def test_singular_pose_exits_with_1_and_names_the_sample(self, tmp_path):
         motion = bundled("line", sixsps.Mechanism.load("wu2012"), 4)
@@ -100,7 +151,9 @@ class TestCompare:
         result = sixsps_command("compare", name, RECORDED, "--fit", "--output", tmp_path / "out")
         assert result.returncode == 0, result.stdout + result.stderr
         results = json.loads((tmp_path / "out" / "results.json").read_text())
-        assert all(entry["max_rel_error"] < 1e-10 for entry in results["engines"].values())
+        compared = [entry for entry in results["engines"].values() if entry["status"] != "unavailable"]
+        assert len(compared) >= 7
+        assert all(entry["max_rel_error"] < 1e-13 for entry in compared)
         assert results["limit_violations"] == []
 
     def test_terminal_shows_progress_on_standard_error_only(self, tmp_path):
@@ -196,7 +249,7 @@ def test_engines_lists_each_with_its_version():
     result = sixsps_command("engines")
     assert result.returncode == 0
     lines = dict(line.split(maxsplit=1) for line in result.stdout.splitlines())
-    assert list(lines) == ["kane", "casadi", "pinocchio", "pinocchio-ball"]
+    assert list(lines) == list(ENGINES)
     assert lines["casadi"].startswith("casadi 3.")
 
 
@@ -240,3 +293,42 @@ def test_interrupt_leaves_no_half_written_file(tmp_path):
     assert "Traceback" not in error
     assert output.read_text() == "precious\n"
     assert [path.name for path in tmp_path.iterdir()] == ["forces.csv"]
+
+
+class TestErrata:
+    def test_the_print_fails_by_the_newtons_of_its_row(self, tmp_path):
+        written = sixsps_command("errata", "--output", tmp_path / "errata")
+        assert written.returncode == 0
+        table, hexapod, motion = written.stdout.split()
+        last = [line for line in Path(table).read_text().splitlines() if line.startswith("| all ")]
+        result = sixsps_command(
+            "compare", hexapod, motion, "--engine", "wu2012-printed", "--output", tmp_path / "out"
+        )
+        assert result.returncode == 1
+        results = json.loads((tmp_path / "out" / "results.json").read_text())
+        entry = results["engines"]["wu2012-printed"]
+        assert entry["within_tolerance"] is False
+        newtons = f"{entry['max_abs_error_N']:.3g}"
+        assert last == [f"| all | formulation `wu2012-printed` | formulation `kane` | {newtons} |"]
+
+    def test_without_a_folder_the_table_is_printed(self):
+        result = sixsps_command("errata")
+        assert result.returncode == 0
+        assert "| 15 | (s·c) E + c sᵀ | (s·c) E − c sᵀ |" in result.stdout
+
+
+class TestDigits:
+    def test_table_has_a_row_an_engine_and_a_column_a_case(self, tmp_path):
+        names = ("--engine", "kane", "--engine", "virtual-work")
+        path = tmp_path / "digits.md"
+        result = sixsps_command("digits", "line", "--samples", 10, *names, "--output", path)
+        assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
+        lines = [line.strip("| \n").split(" | ") for line in path.read_text().splitlines()]
+        assert lines[0] == ["engine", "version", "taghirad2013 line", "tsai2000 line", "wu2012 line"]
+        assert [line[0] for line in lines[2:]] == ["`kane`", "`virtual-work`"]
+        assert all(14 < float(cell) < 16 for line in lines[2:] for cell in line[2:])
+
+    def test_unknown_motion_exits_with_2_before_anything_is_computed(self):
+        result = sixsps_command("digits", "line", "no-such.csv")
+        assert result.returncode == 2
+        assert len(result.stderr.splitlines()) == 1

@@ -3,15 +3,19 @@
 import dataclasses
 import os
 
+import apart
 import numpy as np
 import pytest
-from cases import random_mechanism, random_motion
+from cases import random_mechanism, random_motion, scaled
 
 import sixsps
-from compare import registry
+from compare import registry, tolerances
 from compare.tolerances import AGREEMENT, TOLERANCES, UNIT_ROUNDOFF
 from sixsps.kinematics import inverse_kinematics
+from sixsps.legs import Legs
 from sixsps.trajectories import bundled, fitted
+from sixsps.universal_joints import spin_forces
+from urdf.layout import first_axes
 
 # Set where every engine is installed, so that a missing one is a failure and not a skip.
 ALL_REQUIRED = "SIXSPS_REQUIRE_ENGINES"
@@ -21,7 +25,7 @@ ALL_REQUIRED = "SIXSPS_REQUIRE_ENGINES"
 def engine(request):
     """Class of each engine; a skip with its reason where it is not installed."""
     try:
-        return request.param, registry.load(request.param)
+        return request.param, apart.load(request.param)
     except sixsps.EngineUnavailable as error:
         if os.environ.get(ALL_REQUIRED):
             raise
@@ -56,6 +60,19 @@ def test_stays_within_rounding_on_200_random_mechanisms(engine):
         assert_within_rounding(name, make, mechanism, motion)
 
 
+def test_stays_within_rounding_far_from_the_origin(engine, wu2012):
+    """The world frame kilometres away: what rounding of the coordinates allows, and no more."""
+    name, make = engine
+    shift = np.array([3e3, -1e4, 2e3])
+    motion = bundled("sinusoids", wu2012, 20)
+    far = dataclasses.replace(wu2012, base_anchors=wu2012.base_anchors + shift)
+    moved = dataclasses.replace(motion, position=motion.position + shift)
+    reference = sixsps.inverse_dynamics(wu2012, motion)
+    error = np.abs(forces_of(make, far, moved).forces - reference).max() / np.abs(reference).max()
+    growth = inverse_kinematics(far, moved).error_growth.max()
+    assert error <= TOLERANCES[name].rounding(growth)
+
+
 @pytest.mark.parametrize("distance", [1e-2, 1e-4, 1e-6, 1e-8])
 def test_stays_within_rounding_near_a_singularity(engine, distance, wu2012):
     """The hexapod is folded flat but for `distance`; errors may grow as cond(J), and no more."""
@@ -76,6 +93,14 @@ def test_stays_within_rounding_near_a_singularity(engine, distance, wu2012):
     )
     assert inverse_kinematics(wu2012, flat).condition.min() > 0.1 / distance
     assert_within_rounding(name, make, wu2012, flat)
+
+
+@pytest.mark.parametrize("length", [1e-3, 1e3])
+def test_unit_of_length_costs_no_digits(engine, length, wu2012):
+    """Forces mixed with moments in one solve would let the unit decide what rounding does."""
+    name, make = engine
+    mechanism = scaled(wu2012, length, 1.0)
+    assert_within_rounding(name, make, mechanism, random_motion(mechanism, 5, samples=20))
 
 
 def assert_within_rounding(name, make, mechanism, motion):
@@ -139,8 +164,66 @@ def test_every_engine_has_a_tolerance_with_a_reason():
 
 
 def test_unknown_engine_lists_those_that_exist():
-    with pytest.raises(sixsps.UnknownNameError, match="kane, casadi, pinocchio"):
+    with pytest.raises(sixsps.UnknownNameError, match="kane, casadi, lagrange"):
         registry.load("pinochio")
+
+
+UPS = [name for name, entry in registry.ENGINES.items() if entry.ups]
+
+
+@pytest.fixture(params=UPS)
+def ups(request):
+    """Class of each engine with legs on universal joints; a skip where it is not installed."""
+    try:
+        return request.param, registry.load(request.param, Legs.ups)
+    except sixsps.EngineUnavailable as error:
+        if os.environ.get(ALL_REQUIRED):
+            raise
+        pytest.skip(str(error))
+
+
+@pytest.mark.parametrize("name", ["line", "sinusoids"])
+def test_universal_joints_cost_what_the_spin_of_the_legs_costs(ups, mechanism, name):
+    engine, make = ups
+    motion = bundled(name, mechanism, 100)
+    without = sixsps.inverse_dynamics(mechanism, motion)
+    spin = spin_forces(mechanism, motion, first_axes(mechanism))
+    forces = forces_of(make, mechanism, motion).forces
+    largest = np.abs(without).max()
+    growth = inverse_kinematics(mechanism, motion).error_growth.max()
+    assert np.abs(forces - spin - without).max() <= TOLERANCES[engine].rounding(growth) * largest
+    assert 1e-10 * largest < np.abs(forces - without).max() <= tolerances.UPS * largest
+
+
+def test_universal_joints_on_random_mechanisms(ups):
+    """Fast turning and stout legs, where the spin costs up to a thousandth of the forces."""
+    engine, make = ups
+    costs = []
+    for seed in range(60):
+        mechanism = random_mechanism(seed)
+        motion = random_motion(mechanism, seed)
+        without = sixsps.inverse_dynamics(mechanism, motion)
+        spin = spin_forces(mechanism, motion, first_axes(mechanism))
+        forces = forces_of(make, mechanism, motion).forces
+        growth = inverse_kinematics(mechanism, motion).error_growth
+        largest = np.abs(without).max(axis=1)
+        error = np.abs(forces - spin - without).max(axis=1) / largest
+        assert np.all(error <= TOLERANCES[engine].rounding_factor * growth * UNIT_ROUNDOFF), seed
+        costs.append((np.abs(spin).max(axis=1) / largest).max())
+    assert max(costs) > 1e-4
+
+
+def test_an_engine_without_universal_joints_says_so():
+    with pytest.raises(sixsps.EngineUnavailable, match="ball joints only"):
+        registry.load("kane", Legs.ups)
+
+
+def test_wrong_version_is_unavailable_with_both_versions(monkeypatch):
+    monkeypatch.setattr(registry, "version", lambda package: "0.3.1")
+    with pytest.raises(
+        sixsps.EngineUnavailable, match=r"package casadi 0\.3\.1 is installed, >=3\.7 is needed"
+    ):
+        registry.load("casadi")
 
 
 def test_missing_library_is_unavailable_with_its_package(monkeypatch):

@@ -129,12 +129,12 @@ def test_worker_ends_when_the_program_is_killed(tmp_path):
     script = tmp_path / "job.py"
     script.write_text(
         "import numpy as np\n"
-        "from compare.runner import _Process, ENGINES\n"
+        "from compare.registry import entry\nfrom compare.runner import _Process\n"
         "import pickle, sys, time\nfrom pathlib import Path\n"
         "from sixsps.mechanism import Mechanism\nfrom sixsps.trajectories import bundled\n"
         "m = Mechanism.load('wu2012')\n"
         "folder = Path(sys.argv[1])\n"
-        "p = _Process('kane', folder, pickle.dumps((m, bundled('line', m, 5))))\n"
+        "p = _Process('kane', entry('kane'), folder, pickle.dumps((m, bundled('line', m, 5))))\n"
         "while p.status()['state'] != 'ready': time.sleep(0.05)\n"
         "print(p.process.pid, flush=True)\ntime.sleep(60)\n"
     )

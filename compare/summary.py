@@ -1,0 +1,146 @@
+"""What the terminal and the report both say of a comparison; computes nothing itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from compare.reference import CERTIFIED
+from sixsps.errors import printable
+
+_MOST_SINGULAR_SHOWN = 5
+
+
+def answer(results: dict[str, Any]) -> str:
+    """Returns the outcome of a comparison in one sentence."""
+    engines, reference = results["engines"], results["reference"]["engine"]
+    compared = {
+        name: entry
+        for name, entry in engines.items()
+        if entry["max_rel_error"] is not None and name != reference
+    }
+    wrong = [name for name, entry in engines.items() if entry["within_tolerance"] is False]
+    failed = [name for name, entry in engines.items() if entry["status"] == "failed"]
+    asked = [
+        name for name, entry in engines.items() if entry["status"] == "unavailable" and entry["requested"]
+    ]
+    parts = []
+    if wrong:
+        verb = "disagrees" if len(wrong) == 1 else "disagree"
+        parts.append(f"{listed(wrong)} {verb} with {_of_whom(reference)}")
+    elif compared:
+        parts.append(_agreement(compared, reference))
+    else:
+        parts.append("nothing was compared")
+    if failed:
+        parts.append(f"{listed(failed)} failed")
+    if asked:
+        parts.append(f"{listed(asked)} not available")
+    singular = results["singular_samples"]
+    if singular:
+        count = len(singular)
+        parts.append(f"{count} singular sample{'s' if count > 1 else ''} without forces")
+    return "; ".join(parts) + "."
+
+
+def _agreement(compared: dict[str, Any], reference: str) -> str:
+    worst = max(entry["max_rel_error"] for entry in compared.values())
+    # The engine that stands in for certified forces agrees with itself.
+    count = len(compared) + (reference != CERTIFIED)
+    who = f"{count} engines agree" if count > 2 or len(compared) > 1 else f"{listed(compared)} agrees"
+    return f"{who} with {_of_whom(reference)} to {worst:.1e} of the largest leg force"
+
+
+def _of_whom(reference: str) -> str:
+    return "the certified forces" if reference == CERTIFIED else reference
+
+
+def listed(names: Iterable[str]) -> str:
+    """Returns names as a list in a sentence."""
+    return ", ".join(names)
+
+
+def verdict(entry: dict[str, Any]) -> str:
+    """Returns the status of an engine, or "wrong" where it gave forces outside its tolerance."""
+    wrong = entry["status"] == "ok" and entry["within_tolerance"] is False
+    return "wrong" if wrong else str(entry["status"])
+
+
+def figures(entry: dict[str, Any], is_reference: bool) -> list[str]:
+    """Returns digits, relative and absolute error, time and leg of the largest, time per sample."""
+    if entry["max_rel_error"] is None:
+        return [""] * 6
+    cost = entry["microseconds_per_sample"]
+    spent = f"{cost:.1f}" if cost is not None else ""
+    if is_reference:
+        return ["ref.", "", "", "", "", spent]
+    worst = entry["worst"]
+    errors = [f"{entry['max_rel_error']:.1e}", f"{entry['max_abs_error_N']:.1e}"]
+    return [f"{entry['digits']:.1f}", *errors, f"{worst['t']:.5g}", str(worst["leg"]), spent]
+
+
+def summary(results: dict[str, Any]) -> list[str]:
+    """Returns what is said of the reference and of the mechanism along the motion, line by line."""
+    legs, condition = results["legs"], results["max_condition"]
+    shortest, longest = _extremes(legs, "length_min_m"), _extremes(legs, "length_max_m")
+    lowest, highest = _extremes(legs, "force_min_N"), _extremes(legs, "force_max_N")
+    balance = results["power_balance_reason"] or (
+        f"{number(results['power_balance_residual'])} of the power exchanged"
+    )
+    lines = [
+        _reference_line(results["reference"]),
+        f"leg lengths {number(min(shortest, default=None))} to {number(max(longest, default=None))} m, "
+        f"forces {number(min(lowest, default=None))} to {number(max(highest, default=None))} N, "
+        f"cond(J) up to {number(condition['value'])}",
+        f"power balance residual: {balance}",
+    ]
+    if results["universal_joints"]:
+        lines.append(_spin_line(results["universal_joints"]))
+    if results["mechanism"]["assumed"]:
+        lines.append("assumed, not given by the source: " + ", ".join(results["mechanism"]["assumed"]))
+    lines += [_violation_line(violation) for violation in results["limit_violations"]]
+    return lines + singular_lines(results["singular_samples"])
+
+
+def _reference_line(reference: dict[str, Any]) -> str:
+    if reference["missing"]:
+        return f"errors are against {reference['engine']}, not certified: {printable(reference['missing'])}"
+    return f"errors are true ones, certified at {reference['samples']} samples: {reference['choice']}"
+
+
+def _spin_line(joints: dict[str, Any]) -> str:
+    cost = f"{joints['spin_abs_N']:.1e} N, {joints['spin_rel']:.1e} of the largest force"
+    line = f"errors are against legs that do not spin: on universal joints they do, which costs {cost}"
+    if joints["unexplained_rel"] is not None:
+        line += f"; without that the errors are {joints['unexplained_rel']:.1e}"
+    return line
+
+
+def _violation_line(violation: dict[str, Any]) -> str:
+    return (
+        f"leg {violation['leg']} is outside its limit {violation['limit_m']:g} m at "
+        f"{violation['samples']} samples, worst {violation['length_m']:.6g} m at t = {violation['t']:g} s"
+    )
+
+
+def _extremes(legs: list[dict[str, Any]], key: str) -> list[float]:
+    return [leg[key] for leg in legs if leg[key] is not None]
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """Returns a number with so many digits, or "none"."""
+    return "none" if value is None else f"{value:.{digits}g}"
+
+
+def singular_lines(samples: list[dict[str, Any]]) -> list[str]:
+    """Returns one line for each of the first singular samples, and how many more there are."""
+    lines = []
+    for sample in samples[:_MOST_SINGULAR_SHOWN]:
+        condition = "infinite" if sample["condition"] is None else f"{sample['condition']:.1e}"
+        lines.append(
+            f"sample {sample['sample']} at t = {sample['t']:g} s is singular: "
+            f"cond(J) is {condition}, no forces"
+        )
+    if len(samples) > _MOST_SINGULAR_SHOWN:
+        lines.append(f"and {len(samples) - _MOST_SINGULAR_SHOWN} more singular samples")
+    return lines
