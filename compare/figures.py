@@ -28,7 +28,10 @@ if TYPE_CHECKING:
 FIGURE = "report.svg"
 # Okabe & Ito's colours, told apart with any colour vision.
 _COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
+_MARKERS = ("o", "s", "^", "v", "D", "P", "X")
 _POINTS = 800
+# Of errors on a logarithmic axis.
+_FLOOR = float(np.finfo(float).eps) / 8
 # The hexapod is seen from the front, a little from the right and from above.
 _AZIMUTH, _ELEVATION = np.radians(-60), np.radians(20)
 
@@ -98,27 +101,34 @@ def _draw_forces(axes: Axes, comparison: Comparison) -> None:
 
 
 def _draw_errors(axes: Axes, comparison: Comparison) -> None:
+    """True errors as marks; differences from the stand-in as one band, or as a line where they are wrong."""
     reference, time = comparison.reference, comparison.motion.time
     axes.set_xlabel("time [s]")
-    axes.set_ylabel(f"difference from\n{reference.stand_in}, relative")
+    axes.set_ylabel("relative error")
     axes.set_yscale("log")
     if not np.isfinite(reference.forces).any():
         return
-    stand_in = _stand_in(comparison)
+    starts, stand_in = _thinned(len(time)), _stand_in(comparison)
+    band = np.full(len(starts), _FLOOR)
     for index, outcome in enumerate(comparison.outcomes):
         if outcome.forces is None:
             continue
-        look: dict[str, Any] = {"color": _COLORS[index % 6], "label": outcome.engine, "lw": 1}
-        if outcome.engine != reference.stand_in:
-            error = _relative(np.abs(outcome.forces - stand_in), reference.largest)
-            # The largest of every stretch, so that thinning hides no extreme.
-            starts = _thinned(len(error))
-            style = "-" if index < len(_COLORS) else "--"
-            axes.plot(time[starts], np.maximum.reduceat(error, starts), ls=style, **look)
-            look.pop("label")
+        color, marker = _COLORS[index % len(_COLORS)], _MARKERS[index % len(_MARKERS)]
+        difference = _relative(np.abs(outcome.forces - stand_in), reference.largest)
+        # The largest of every stretch, so that thinning hides no extreme.
+        difference = np.maximum.reduceat(difference, starts)
+        band = np.maximum(band, difference)
+        label = outcome.engine
+        wrong = comparison.results["engines"][outcome.engine]["within_tolerance"] is False
+        if reference.truth is None and outcome.engine != reference.engine:
+            axes.plot(time[starts], difference, color=color, lw=1, label=label)
+        elif wrong:
+            axes.plot(time[starts], difference, color=color, lw=1, zorder=3)
         if reference.truth is not None:
             true = _relative(reference.errors(outcome.forces), reference.largest)
-            axes.plot(time[reference.samples], true, ls="", marker=".", ms=4, **look)
+            axes.plot(time[reference.samples], true, ls="", marker=marker, ms=3.5, color=color, label=label)
+    among = f"all, against {reference.stand_in}"
+    axes.fill_between(time[starts], _FLOOR, band, color="0.85", zorder=1, label=among)
     bound = tolerance_of(reference.stand_in).rounding(comparison.largest_error_growth)
     axes.axhline(bound, color="0.3", ls=":", lw=1, label="rounding bound")
     axes.legend(loc="center left", bbox_to_anchor=(1, 0.5), frameon=False, fontsize=7)
@@ -133,7 +143,7 @@ def _stand_in(comparison: Comparison) -> Array:
 
 def _relative(errors: Array, scale: float) -> Array:
     """Returns the largest error of each sample, relative, with a floor that a logarithm can show."""
-    return np.maximum(np.nan_to_num(errors).max(axis=1) / scale, np.finfo(float).eps / 8)
+    return np.maximum(np.nan_to_num(errors).max(axis=1) / scale, _FLOOR)
 
 
 def _draw_hexapod(axes: Axes, mechanism: Mechanism, motion: Motion, forces: Array) -> None:

@@ -18,10 +18,10 @@ def block(language):
     return re.search(rf"```{language}\n(.*?)```", RECIPE, flags=re.DOTALL).group(1)
 
 
-def line(start):
-    """The value of the line in the README's recipe that begins with `start`."""
-    (found,) = [line for line in block("text").splitlines() if line.startswith(start)]
-    return found.removeprefix(start).strip().rstrip(",")
+def values():
+    """The registry's and the tolerances' value of the two lines in the README's recipe."""
+    lines = [line for line in block("text").splitlines() if line.startswith('"svd": ')]
+    return [line.removeprefix('"svd": ').rstrip(",") for line in lines]
 
 
 @pytest.fixture
@@ -29,10 +29,10 @@ def svd(tmp_path, monkeypatch):
     """The engine of the README, added by its file, its registry line and its tolerance row."""
     (tmp_path / "svd.py").write_text(block("py"))
     monkeypatch.syspath_prepend(tmp_path)
-    entry = eval("Entry" + line('"svd": Entry'), vars(registry))
+    place, tolerance = values()
+    entry = eval(place, vars(registry))
     monkeypatch.setitem(registry.ENGINES, "svd", dataclasses.replace(entry, module="svd"))
-    row = eval("Tolerance" + line('"svd": Tolerance'), vars(tolerances))
-    monkeypatch.setitem(tolerances.TOLERANCES, "svd", row)
+    monkeypatch.setitem(tolerances.TOLERANCES, "svd", eval(tolerance, vars(tolerances)))
     return entry
 
 

@@ -5,6 +5,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 from cases import at_rest
+from test_runner import fake  # noqa: F401  a fixture
 
 from compare import figures
 from compare.comparison import compare
@@ -37,13 +38,28 @@ def test_thinning_keeps_the_largest_difference(wu2012, tmp_path, monkeypatch):
     drawn = []
     from matplotlib.axes import Axes
 
+    fill = Axes.fill_between
+    monkeypatch.setattr(
+        Axes, "fill_between", lambda axes, *a, **k: drawn.append((a, k)) or fill(axes, *a, **k)
+    )
+    figures.write_figure(comparison, wu2012, tmp_path)
+    (band,) = [arguments[2] for arguments, options in drawn if "against kane" in options.get("label", "")]
+    assert len(band) <= 800
+    largest = np.abs(comparison.outcomes[0].forces).max()
+    assert band.max() == pytest.approx(1.0 / largest, rel=1e-9)
+
+
+def test_an_engine_that_is_wrong_is_drawn_all_along(fake, wu2012, tmp_path, monkeypatch):  # noqa: F811
+    comparison = compare(wu2012, bundled("line", wu2012, 20), ["kane", fake("Disagrees")])
+    drawn = []
+    from matplotlib.axes import Axes
+
     plot = Axes.plot
     monkeypatch.setattr(Axes, "plot", lambda axes, *a, **k: drawn.append((a, k)) or plot(axes, *a, **k))
     figures.write_figure(comparison, wu2012, tmp_path)
-    (errors,) = [arguments[1] for arguments, options in drawn if options.get("label") == "casadi"]
-    assert len(errors) <= 800
-    largest = np.abs(comparison.outcomes[0].forces).max()
-    assert errors.max() == pytest.approx(1.0 / largest, rel=1e-9)
+    lines = [a[1] for a, options in drawn if options.get("zorder") == 3]
+    assert len(lines) == 1
+    assert len(lines[0]) == 20
 
 
 def test_draws_without_any_forces(wu2012, tmp_path):
