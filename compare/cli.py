@@ -136,6 +136,8 @@ def compare(
     check_names(engine or [], traps=True)
     check_range("--tolerance", tolerance, 0.0, 1.0)
     check_range("--time-limit", time_limit, 0.001, LONGEST_LIMIT_S)
+    if traps and legs is Legs.ups:
+        raise InputError("--traps", "with --legs ups", "with --legs sps")
     hexapod = Mechanism.load(mechanism)
     with reading():
         sampled = load_motion(motion, hexapod, samples=samples, cutoff=cutoff, fit=fit)
@@ -305,8 +307,12 @@ def errata(
     ] = None,
 ) -> None:
     """Show what the paper's misprints cost. Example: sixsps errata --output errata."""
-    from sixsps.errata import markdown, write
     from sixsps.files import output_folder
+
+    try:
+        from sixsps.errata import markdown, write
+    except Exception as error:  # a broken library says what it likes
+        raise SixspsError(f"the errata need python-flint: {type(error).__name__}: {error}") from error
 
     if output is None:
         typer.echo(markdown())

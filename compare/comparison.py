@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from compare import facts, metrics
-from compare.judgement import judged, judged_with_spin
-from compare.reference import Reference, find_reference
+from compare.judgement import judged, judged_with_spin, trapped
+from compare.reference import SPREAD, Reference, find_reference
 from compare.registry import TRAPS
 from compare.runner import Outcome, Watcher, run
 from compare.tolerances import tolerance_of
@@ -65,6 +65,7 @@ def compare(
     legs: Legs = Legs.sps,
     tolerance: float | None = None,
     time_limit: float | None = None,
+    spread: int = SPREAD,
     watch: Watcher = lambda *_: None,
 ) -> Comparison:
     """Runs engines along a motion and measures them against the reference.
@@ -78,6 +79,7 @@ def compare(
         legs: joints of the engines' legs. The reference has legs that do not spin, SPS.
         tolerance: relative error allowed to every engine; by default each has its own.
         time_limit: for one engine's computation [s]; by default it grows with the samples.
+        spread: number of evenly spread samples to certify.
         watch: told how the engines get on.
 
     Returns:
@@ -88,7 +90,8 @@ def compare(
     names = [*engines, *traps]
     outcomes = run(names, mechanism, motion, regular, legs=legs, time_limit=time_limit, watch=watch)
     growth = np.where(regular, kinematics.error_growth, 1.0)
-    reference = find_reference(mechanism, motion, outcomes, growth)
+    compared, caught = outcomes[: len(engines)], outcomes[len(engines) :]
+    reference = find_reference(mechanism, motion, compared, growth, regular, spread)
     spin = _spin(mechanism, motion) if legs is Legs.ups else None
 
     def entry(outcome: Outcome) -> dict[str, Any]:
@@ -97,10 +100,15 @@ def compare(
         if spin is None:
             row = judged(outcome, reference, motion, allowed)
         else:
-            row = judged_with_spin(outcome, reference, motion, allowed, spin)
+            usual = tolerance_of(outcome.engine).relative(growth)
+            row = judged_with_spin(outcome, reference, motion, usual, spin, tolerance)
         return row | {"requested": outcome.engine in requested}
 
-    compared, caught = outcomes[: len(engines)], outcomes[len(engines) :]
+    def trap(outcome: Outcome) -> dict[str, Any]:
+        allowed = tolerance_of(outcome.engine).relative(growth)
+        row = trapped(outcome, reference, motion, allowed)
+        return row | {"requested": False, "why": TRAPS[outcome.engine].why}
+
     results = {
         "schema": SCHEMA,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -111,7 +119,7 @@ def compare(
         "leg_type": legs.value,
         "reference": reference.facts(),
         "engines": {outcome.engine: entry(outcome) for outcome in compared},
-        "traps": {outcome.engine: entry(outcome) | {"why": TRAPS[outcome.engine].why} for outcome in caught},
+        "traps": {outcome.engine: trap(outcome) for outcome in caught},
         "universal_joints": None if spin is None else _universal_joints(spin, compared, reference),
         **facts.measures(mechanism, motion, kinematics, reference.forces),
         "singular_samples": metrics.singular_samples(motion, kinematics),
@@ -128,9 +136,10 @@ def _spin(mechanism: Mechanism, motion: Motion) -> Array:
 def _universal_joints(spin: Array, outcomes: list[Outcome], reference: Reference) -> dict[str, float | None]:
     """Returns what the spin of the legs costs, and what it leaves unexplained of the engines' errors."""
     left = [reference.errors(outcome.forces - spin) for outcome in outcomes if outcome.forces is not None]
-    largest = float(np.nan_to_num(np.abs(spin)).max())
+    known = np.abs(spin)[np.isfinite(spin)]
+    largest = float(known.max()) if len(known) else None
     return {
         "spin_abs_N": largest,
-        "spin_rel": largest / reference.largest,
+        "spin_rel": None if largest is None else largest / reference.largest,
         "unexplained_rel": float(np.nanmax(left)) / reference.largest if np.isfinite(left).any() else None,
     }

@@ -1,4 +1,4 @@
-"""Correct digits of every engine on every bundled mechanism, as a table for a README."""
+"""Correct digits of every engine on every bundled mechanism, all samples certified, as a table."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from compare.comparison import compare
 from compare.inputs import load_motion
 from compare.progress import watching
 from compare.summary import verdict
+from sixsps.errors import EngineError
 from sixsps.mechanism import Mechanism
 from sixsps.mechanism_file import bundled_mechanisms
 from sixsps.motion import Motion
@@ -28,7 +29,7 @@ class Case:
 
 
 def cases(motions: Sequence[str], engines: Sequence[str], samples: int) -> Iterator[Case]:
-    """Compares engines on every bundled mechanism along every motion.
+    """Compares engines on every bundled mechanism along every motion, at certified samples only.
 
     Args:
         motions: bundled names, or files, which are fitted to the mechanism.
@@ -40,13 +41,17 @@ def cases(motions: Sequence[str], engines: Sequence[str], samples: int) -> Itera
 
     Raises:
         MotionError: a file cannot be read; before anything is computed.
+        EngineError: nothing can be certified.
     """
     mechanisms = [Mechanism.load(name) for name in bundled_mechanisms()]
     pairs = [(mechanism, _motion(name, mechanism, samples)) for mechanism in mechanisms for name in motions]
     for mechanism, motion in pairs:
         with watching(len(motion)) as watch:
-            comparison = compare(mechanism, motion, engines, watch=watch)
-        heading = f"{mechanism.name} {motion.name}"
+            comparison = compare(mechanism, motion, engines, spread=len(motion), watch=watch)
+        heading = f"{mechanism.name} {motion.name}".replace("|", "/")
+        missing = comparison.results["reference"]["missing"]
+        if missing:
+            raise EngineError(f"{heading}: digits need certified forces: {missing}")
         yield Case(heading, comparison.results["engines"], comparison.agreed)
 
 

@@ -104,7 +104,9 @@ def _draw_errors(axes: Axes, comparison: Comparison) -> None:
     """True errors as marks; differences from the stand-in as one band, or as a line where they are wrong."""
     reference, time = comparison.reference, comparison.motion.time
     axes.set_xlabel("time [s]")
-    axes.set_ylabel("relative error")
+    axes.set_ylabel(
+        "relative error" if reference.truth is not None else f"difference from\n{reference.engine}"
+    )
     axes.set_yscale("log")
     if not np.isfinite(reference.forces).any():
         return
@@ -117,20 +119,23 @@ def _draw_errors(axes: Axes, comparison: Comparison) -> None:
         difference = _relative(np.abs(outcome.forces - stand_in), reference.largest)
         # The largest of every stretch, so that thinning hides no extreme.
         difference = np.maximum.reduceat(difference, starts)
-        band = np.maximum(band, difference)
         label = outcome.engine
         wrong = comparison.results["engines"][outcome.engine]["within_tolerance"] is False
         if reference.truth is None and outcome.engine != reference.engine:
-            axes.plot(time[starts], difference, color=color, lw=1, label=label)
+            style = "-" if index < len(_COLORS) else "--"
+            axes.plot(time[starts], difference, color=color, ls=style, lw=1, label=label)
         elif wrong:
             axes.plot(time[starts], difference, color=color, lw=1, zorder=3)
+        else:
+            band = np.maximum(band, difference)
         if reference.truth is not None:
             true = _relative(reference.errors(outcome.forces), reference.largest)
             axes.plot(time[reference.samples], true, ls="", marker=marker, ms=3.5, color=color, label=label)
-    among = f"all, against {reference.stand_in}"
-    axes.fill_between(time[starts], _FLOOR, band, color="0.85", zorder=1, label=among)
+    if reference.truth is not None:
+        among = f"all, against {reference.stand_in}"
+        axes.fill_between(time[starts], _FLOOR, band, color="0.85", zorder=1, label=among)
     bound = tolerance_of(reference.stand_in).rounding(comparison.largest_error_growth)
-    axes.axhline(bound, color="0.3", ls=":", lw=1, label="rounding bound")
+    axes.axhline(bound, color="0.3", ls=":", lw=1, label="what rounding may do")
     axes.legend(loc="center left", bbox_to_anchor=(1, 0.5), frameon=False, fontsize=7)
 
 

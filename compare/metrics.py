@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from sixsps.kinematics import LegKinematics
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
 from sixsps.singularity import SINGULAR_CONDITION
+
+if TYPE_CHECKING:
+    from compare.reference import Reference
 
 # A float64 has 53 bits: no more decimal digits than this can agree.
 MOST_DIGITS = 53 * math.log10(2)
@@ -48,33 +51,63 @@ def relative_error(forces: Array, reference: Array) -> float:
     return worst_difference(forces, reference).value / (largest or 1.0)
 
 
-def scales(reference: Array) -> Array:
-    """Returns (n,) what errors are taken relative to, sample by sample [N].
+def loads(mechanism: Mechanism, motion: Motion) -> Array:
+    """Returns (n,) what the legs have to carry and to move, before anything of it cancels [N].
 
-    A sample's own largest force or, where that is more, what is usual along the motion: huge forces
-    near a singularity excuse no error elsewhere, and a sample whose forces happen to vanish is not
-    held to what rounding cannot give.
+    Weight, external wrench and inertia of the platform's motion, moments over the characteristic
+    length. Where they cancel, forces are small and their rounding errors are not.
+    """
+    links = mechanism.lower.mass.sum() + mechanism.upper.mass.sum()
+    mass, length = mechanism.platform.mass + links, mechanism.characteristic_length
+    speed = np.linalg.norm(motion.angular_velocity, axis=1)
+    turning = np.linalg.norm(motion.angular_acceleration, axis=1) + speed**2
+    return (
+        mass * np.linalg.norm(mechanism.gravity)
+        + mass * (np.linalg.norm(motion.acceleration, axis=1) + turning * length)
+        + np.linalg.norm(motion.force, axis=1)
+        + np.linalg.norm(motion.moment, axis=1) / length
+    )
+
+
+def scales(reference: Array, load: Array) -> Array:
+    """Returns (n,) what errors are allowed relative to, sample by sample [N].
+
+    A sample's own largest force or, where that is more, its load or what is usual along the motion:
+    huge forces near a singularity excuse no error elsewhere, and a sample whose forces happen to
+    vanish is not held to what rounding cannot give.
 
     Args:
-        reference: (n, 6) [N]; NaN at samples that do not count, and in the result.
+        reference: (n, 6) [N]; NaN at samples that do not count.
+        load: (n,) see `loads` [N].
     """
     largest = np.abs(reference).max(axis=1)
     usual = np.median(largest[np.isfinite(largest)]) if np.isfinite(largest).any() else 0.0
-    scale = np.maximum(largest, usual)
+    scale = np.fmax(np.maximum(load, usual), largest)
     return np.where(scale == 0, 1.0, scale)
 
 
-def within(forces: Array, reference: Array, allowed: Array) -> bool:
-    """Returns whether |forces - reference| stays within its tolerance at every sample.
+@dataclass(frozen=True)
+class Excess:
+    """Where an error is largest in units of what is allowed there: ratio, sample index, leg index."""
+
+    ratio: float
+    sample: int
+    leg: int
+
+
+def excess(forces: Array, reference: Reference, allowed: Array) -> Excess:
+    """Returns the largest |forces - reference| in units of what is allowed.
 
     Args:
         forces: (n, 6) [N].
-        reference: (n, 6) [N]; samples with NaN do not count.
-        allowed: (n,) relative error allowed at a sample; see `scales`.
+        reference: samples where its forces are NaN do not count.
+        allowed: (n,) relative error allowed at a sample, of `reference.scale`.
     """
-    counted = np.isfinite(reference).all(axis=1)
-    difference = np.abs(forces - reference).max(axis=1)
-    return bool(np.all((difference <= allowed * scales(reference))[counted]))
+    counted = np.isfinite(reference.forces)
+    ratio = np.abs(forces - reference.forces) / (allowed * reference.scale)[:, None]
+    ratio = np.where(counted, np.where(np.isnan(ratio), np.inf, ratio), -1.0)
+    sample, leg = (int(index) for index in np.unravel_index(np.argmax(ratio), ratio.shape))
+    return Excess(float(ratio[sample, leg]), sample, leg)
 
 
 def digits(relative: float) -> float:

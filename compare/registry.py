@@ -76,8 +76,8 @@ TRAPS: dict[str, Trap] = {
     ),
     "pinocchio-tree": Trap(
         "compare.traps.pinocchio", "PinocchioTree", "pinocchio", "pin",
-        why="RNEA of the open tree knows no loop: its actuator forces carry their own leg and nothing of the "
-        "platform, which hangs on forces that no joint of the machine exerts.",
+        why="RNEA of the open tree knows no loop: each actuator carries no more than its own upper link, and "
+        "the platform hangs on forces that no joint of the machine exerts.",
     ),
     "pinocchio-contact": Trap(
         "compare.traps.pinocchio", "PinocchioContact", "pinocchio", "pin",
@@ -91,8 +91,8 @@ TRAPS: dict[str, Trap] = {
     ),
     "drake-tree": Trap(
         "compare.traps.drake", "DrakeTree", "pydrake", "drake", "drake",
-        why="CalcInverseDynamics ignores the plant's constraints: an actuator carries its own leg, and "
-        "nothing of the platform.",
+        why="CalcInverseDynamics ignores the plant's constraints: each actuator carries no more than its own "
+        "upper link, and nothing of the platform.",
     ),
 }  # fmt: skip
 
@@ -158,7 +158,7 @@ def load_entry(name: str, entry: Entry) -> type[Engine]:
         import_module(entry.library)
     except Exception as error:  # a broken installation may raise anything
         reason = f"package {entry.package} does not import: {type(error).__name__}: {error}"
-        raise EngineUnavailable(name, reason, entry.extra) from error
+        raise EngineUnavailable(name, reason, broken=True) from error
     engine: type[Engine] = getattr(import_module(entry.module), entry.attribute)
     return engine
 

@@ -6,7 +6,8 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
-from compare.summary import answer, figures, number, summary, verdict
+from compare.summary import answer, figures, number, reasons, summary, verdict
+from sixsps.errors import printable
 
 _NO_FIGURE = 'Without a picture: matplotlib is not installed (`pip install "sixsps[figures]"`).'
 _LIMITATIONS = (
@@ -62,10 +63,10 @@ def _engines(results: dict[str, Any]) -> str:
         "engine", "version", "digits", "relative error", "allowed", "largest error [N]", "at t [s]", "leg",
         "closure residual", "closure error [m]", "time per sample [us]", "status",
     )  # fmt: skip
-    reference = results["reference"]
+    reference, motion = results["reference"], results["motion"]
     rows = []
     for name, entry in results["engines"].items():
-        digits, relative, absolute, when, leg, cost = figures(entry, name == reference["engine"])
+        digits, relative, absolute, when, leg, cost = figures(entry, name == reference["engine"], motion)
         judged = verdict(entry)
         rows.append(
             (
@@ -89,8 +90,7 @@ def _note(reference: dict[str, Any]) -> str:
             f"Errors are true errors: at {reference['samples']} samples ({reference['choice']}) the forces "
             f"are enclosed in ball arithmetic to {reference['bound']:.0e} of the sample's largest, from "
             "positions alone, by a derivation that shares no formula with `kane`. Digits are correct "
-            f"digits. At the other samples the verdict is against `{reference['stand_in']}`, which the "
-            "certified ones confirm."
+            f"digits. {_elsewhere(reference['stand_in'])}"
         )
     return (
         f"{whose} Relative error: largest error over samples and legs, divided by the largest force of the "
@@ -100,12 +100,18 @@ def _note(reference: dict[str, Any]) -> str:
     )
 
 
+def _elsewhere(stand_in: str) -> str:
+    if not stand_in:
+        return "They confirm no engine, so that nothing is said of the other samples."
+    return f"At the other samples the verdict is against `{stand_in}`, which the certified ones confirm."
+
+
 def _traps(results: dict[str, Any]) -> str:
     if not results["traps"]:
         return ""
     rows = []
     for name, entry in results["traps"].items():
-        _, relative, absolute, when, leg, _ = figures(entry, False)
+        _, relative, absolute, when, leg, _ = figures(entry, False, results["motion"])
         shown = entry["why"] + (" On this motion it does no harm." if entry["within_tolerance"] else "")
         if entry["status"] != "ok":
             shown = f"{entry['status']}: {entry['reason']}"
@@ -133,8 +139,7 @@ def _small(value: float | None) -> str:
 
 
 def _failures(results: dict[str, Any]) -> str:
-    reasons = [(name, entry["reason"]) for name, entry in results["engines"].items() if entry["reason"]]
-    return "\n".join(f"- {name}: {_escaped(reason)}" for name, reason in reasons)
+    return "\n".join(f"- {_escaped(line)}" for line in reasons(results["engines"], results["motion"]))
 
 
 def _methods(results: dict[str, Any]) -> str:
@@ -209,9 +214,9 @@ def _cell(text: str) -> str:
 
 
 def _escaped(text: str) -> str:
-    """Returns text that Markdown and HTML show as it is."""
-    safe = text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
-    return re.sub(r"([\\`*_\[\]|#])", r"\\\1", safe)
+    """Returns text that Markdown and HTML show as it is, on one line."""
+    safe = printable(" ".join(text.split())).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    return re.sub(r"([\\`*_\[\]|#~$])", r"\\\1", safe)
 
 
 def _code(text: str) -> str:

@@ -90,6 +90,8 @@ def run(
         One outcome an engine, in the order of `engines`; nothing that happens in an engine's
         process raises here.
     """
+    if not regular.any():
+        return [_nothing_to_do(outcome, len(motion)) for outcome in probe(engines, legs)]
     given = motion[regular]
     given.rotation  # noqa: B018  computed once, here, and handed on with the motion
     job = pickle.dumps((mechanism, given))
@@ -101,9 +103,15 @@ def run(
     return outcomes
 
 
-def probe(engines: Sequence[str]) -> list[Outcome]:
+def probe(engines: Sequence[str], legs: Legs = Legs.sps) -> list[Outcome]:
     """Returns, without computing anything, whether each engine is there and which version it is."""
-    return _run_all(engines, Legs.sps, None, START_LIMIT_S, lambda *_: None)
+    return _run_all(engines, legs, None, START_LIMIT_S, lambda *_: None)
+
+
+def _nothing_to_do(outcome: Outcome, samples: int) -> Outcome:
+    if outcome.status == "ok":
+        outcome.forces = np.full((samples, 6), np.nan)
+    return outcome
 
 
 class _Process:
@@ -123,6 +131,7 @@ class _Process:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 env=environment,
+                start_new_session=True,  # so that whatever it starts ends with it
             )
         self.since = time.monotonic()
         self.state = "starting"
@@ -144,6 +153,9 @@ class _Process:
                 self.process.stdin.flush()
 
     def stop(self) -> None:
+        if hasattr(os, "killpg"):
+            with suppress(OSError):
+                os.killpg(self.process.pid, signal.SIGKILL)
         if self.process.poll() is None:
             self.process.kill()
         if self.process.stdin:
@@ -163,7 +175,7 @@ def _run_all(
                 place = entry(engine, legs)
                 check_installed(engine, place)
             except EngineUnavailable as error:
-                outcomes[engine] = Outcome(engine, "unavailable", str(error))
+                outcomes[engine] = Outcome(engine, "unavailable", error.detail)
                 continue
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sixsps-")))
             process = _Process(engine, place, folder, job)
@@ -219,6 +231,8 @@ def _look(process: _Process, time_limit: float) -> Outcome | None:
 
 
 def _outcome(process: _Process, status: dict[str, Any]) -> Outcome:
+    # A message may hold what no file can: half of a surrogate pair.
+    status = {key: _encodable(value) if isinstance(value, str) else value for key, value in status.items()}
     state, reason = status.pop("state"), " ".join(status.pop("reason", "").split())
     seconds = status.pop("seconds", None)
     if state != "done":
@@ -232,8 +246,18 @@ def _outcome(process: _Process, status: dict[str, Any]) -> Outcome:
     return outcome
 
 
+def _encodable(text: str) -> str:
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
+def _signal_name(number: int) -> str:
+    with suppress(ValueError):
+        return signal.Signals(number).name
+    return f"signal {number}"
+
+
 def _cause_of_death(process: _Process, code: int) -> str:
-    cause = f"killed by {signal.Signals(-code).name}" if code < 0 else f"exited with status {code}"
+    cause = f"killed by {_signal_name(-code)}" if code < 0 else f"exited with status {code}"
     log = (process.folder / "log").read_text(errors="replace").split("\n")
     last = next((line for line in reversed(log) if line.strip()), "")
     return f"its process {cause}" + (f": {last.strip()[:200]}" if last else "")

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compare.metrics import singular_samples
-from compare.registry import ENGINES
 from compare.runner import Watcher, run
 from compare.summary import singular_lines
 from sixsps.arrays import Array
@@ -62,7 +61,7 @@ def engine_forces(engine: str, mechanism: Mechanism, motion: Motion, watch: Watc
     regular, warnings = _regular_samples(mechanism, motion)
     (outcome,) = run([engine], mechanism, motion, regular, watch=watch)
     if outcome.status == "unavailable":
-        raise EngineUnavailable(engine, outcome.reason, ENGINES[engine].extra)
+        raise EngineUnavailable(engine, outcome.reason)
     if outcome.forces is None:
         raise EngineError(f"engine {engine}: {outcome.reason}")
     columns = dict(zip(_FORCES, outcome.forces.T, strict=True))

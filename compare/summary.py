@@ -9,6 +9,10 @@ from compare.reference import CERTIFIED
 from sixsps.errors import printable
 
 _MOST_SINGULAR_SHOWN = 5
+# An upper bound of no error is the smallest float, not zero.
+_NOTHING = 1e-300
+# Beyond so many durations from zero, as with clock time, a time is shown from the start.
+_FAR = 1000
 
 
 def answer(results: dict[str, Any]) -> str:
@@ -28,6 +32,8 @@ def answer(results: dict[str, Any]) -> str:
     if wrong:
         verb = "disagrees" if len(wrong) == 1 else "disagree"
         parts.append(f"{listed(wrong)} {verb} with {_of_whom(reference)}")
+    elif compared and results["universal_joints"]:
+        parts.append(_agreement_on_universal_joints(len(compared), results["universal_joints"]))
     elif compared:
         parts.append(_agreement(compared, reference))
     else:
@@ -48,7 +54,17 @@ def _agreement(compared: dict[str, Any], reference: str) -> str:
     # The engine that stands in for certified forces agrees with itself.
     count = len(compared) + (reference != CERTIFIED)
     who = f"{count} engines agree" if count > 2 or len(compared) > 1 else f"{listed(compared)} agrees"
+    if worst < _NOTHING:
+        return f"{who} with {_of_whom(reference)} exactly"
     return f"{who} with {_of_whom(reference)} to {worst:.1e} of the largest leg force"
+
+
+def _agreement_on_universal_joints(count: int, joints: dict[str, Any]) -> str:
+    who = (
+        "1 engine on universal joints agrees" if count == 1 else f"{count} engines on universal joints agree"
+    )
+    left = f"{joints['unexplained_rel']:.1e} of the largest leg force"
+    return f"{who} with the reference and the spin of the legs to {left}"
 
 
 def _of_whom(reference: str) -> str:
@@ -66,7 +82,29 @@ def verdict(entry: dict[str, Any]) -> str:
     return "wrong" if wrong else str(entry["status"])
 
 
-def figures(entry: dict[str, Any], is_reference: bool) -> list[str]:
+def reasons(entries: dict[str, Any], motion: dict[str, Any], *, errors: bool = True) -> list[str]:
+    """Returns why engines gave nothing and, with `errors`, where they are furthest out of tolerance."""
+    lines = [f"{name}: {printable(entry['reason'])}" for name, entry in entries.items() if entry["reason"]]
+    for name, entry in entries.items():
+        if errors and verdict(entry) == "wrong":
+            worst = entry["worst_of_allowed"]
+            times = "infinitely many" if worst["ratio"] is None else f"{worst['ratio']:.2g}"
+            place = f"at t = {when(worst['t'], motion)} s in leg {worst['leg']}"
+            if worst["ratio"] is None or worst["ratio"] > 1:
+                lines.append(f"{name}: {place} the error is {times} times what is allowed there")
+            else:
+                lines.append(f"{name}: more than the spin of its legs explains")
+    return lines
+
+
+def when(time: float, motion: dict[str, Any]) -> str:
+    """Returns a time [s], from the start of a motion whose times are far from zero."""
+    start, duration = motion["start_s"], motion["end_s"] - motion["start_s"]
+    far = abs(start) > _FAR * duration > 0
+    return f"+{time - start:.5g}" if far else f"{time:.5g}"
+
+
+def figures(entry: dict[str, Any], is_reference: bool, motion: dict[str, Any]) -> list[str]:
     """Returns digits, relative and absolute error, time and leg of the largest, time per sample."""
     if entry["max_rel_error"] is None:
         return [""] * 6
@@ -76,7 +114,7 @@ def figures(entry: dict[str, Any], is_reference: bool) -> list[str]:
         return ["ref.", "", "", "", "", spent]
     worst = entry["worst"]
     errors = [f"{entry['max_rel_error']:.1e}", f"{entry['max_abs_error_N']:.1e}"]
-    return [f"{entry['digits']:.1f}", *errors, f"{worst['t']:.5g}", str(worst["leg"]), spent]
+    return [f"{entry['digits']:.1f}", *errors, when(worst["t"], motion), str(worst["leg"]), spent]
 
 
 def summary(results: dict[str, Any]) -> list[str]:
@@ -97,7 +135,8 @@ def summary(results: dict[str, Any]) -> list[str]:
     if results["universal_joints"]:
         lines.append(_spin_line(results["universal_joints"]))
     if results["mechanism"]["assumed"]:
-        lines.append("assumed, not given by the source: " + ", ".join(results["mechanism"]["assumed"]))
+        assumed = ", ".join(map(printable, results["mechanism"]["assumed"]))
+        lines.append(f"assumed, not given by the source: {assumed}")
     lines += [_violation_line(violation) for violation in results["limit_violations"]]
     return lines + singular_lines(results["singular_samples"])
 
@@ -105,10 +144,15 @@ def summary(results: dict[str, Any]) -> list[str]:
 def _reference_line(reference: dict[str, Any]) -> str:
     if reference["missing"]:
         return f"errors are against {reference['engine']}, not certified: {printable(reference['missing'])}"
-    return f"errors are true ones, certified at {reference['samples']} samples: {reference['choice']}"
+    line = f"errors are true ones, certified at {reference['samples']} samples: {reference['choice']}"
+    if not reference["stand_in"]:
+        line += "; they confirm no engine, so that nothing is said of the other samples"
+    return line
 
 
 def _spin_line(joints: dict[str, Any]) -> str:
+    if joints["spin_abs_N"] is None:
+        return "errors are against legs that do not spin; what the spin costs is not known along a first axis"
     cost = f"{joints['spin_abs_N']:.1e} N, {joints['spin_rel']:.1e} of the largest force"
     line = f"errors are against legs that do not spin: on universal joints they do, which costs {cost}"
     if joints["unexplained_rel"] is not None:
@@ -119,7 +163,7 @@ def _spin_line(joints: dict[str, Any]) -> str:
 def _violation_line(violation: dict[str, Any]) -> str:
     return (
         f"leg {violation['leg']} is outside its limit {violation['limit_m']:g} m at "
-        f"{violation['samples']} samples, worst {violation['length_m']:.6g} m at t = {violation['t']:g} s"
+        f"{violation['samples']} samples, worst {violation['length_m']:.6g} m at t = {violation['t']:.10g} s"
     )
 
 
@@ -138,7 +182,7 @@ def singular_lines(samples: list[dict[str, Any]]) -> list[str]:
     for sample in samples[:_MOST_SINGULAR_SHOWN]:
         condition = "infinite" if sample["condition"] is None else f"{sample['condition']:.1e}"
         lines.append(
-            f"sample {sample['sample']} at t = {sample['t']:g} s is singular: "
+            f"sample {sample['sample']} at t = {sample['t']:.10g} s is singular: "
             f"cond(J) is {condition}, no forces"
         )
     if len(samples) > _MOST_SINGULAR_SHOWN:

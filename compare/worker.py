@@ -20,7 +20,8 @@ import numpy as np
 
 from compare.engine import Engine
 from compare.registry import Entry, load_entry
-from sixsps.errors import EngineUnavailable, SixspsError
+from sixsps.arrays import Array
+from sixsps.errors import EngineError, EngineUnavailable, SixspsError
 
 ENGINE, JOB = "engine.json", "job.pickle"
 STATUS, PROGRESS, FORCES = "status.json", "progress", "forces.npz"
@@ -32,7 +33,7 @@ def main(folder: Path) -> None:
         asked = json.loads((folder / ENGINE).read_text())
         _run(load_entry(asked["name"], Entry(**asked["entry"])), folder)
     except EngineUnavailable as error:
-        _report(folder, state="unavailable", reason=str(error))
+        _report(folder, state="failed" if error.broken else "unavailable", reason=error.detail)
     except SixspsError as error:
         _report(folder, state="failed", reason=str(error))
     except Exception as error:  # the library's own error is the reason, whatever it is
@@ -41,10 +42,10 @@ def main(folder: Path) -> None:
 
 def _run(engine: type[Engine], folder: Path) -> None:
     facts = {
-        "version": engine.version(),
-        "formulation": engine.formulation,
-        "loops": engine.loops,
-        "shares": engine.shares,
+        "version": str(engine.version()),
+        "formulation": str(engine.formulation),
+        "loops": str(engine.loops),
+        "shares": str(engine.shares),
     }
     job = folder / JOB
     if not job.exists():
@@ -58,15 +59,24 @@ def _run(engine: type[Engine], folder: Path) -> None:
     progress = folder / PROGRESS
 
     def note(done: int) -> None:
-        progress.write_text(str(done))
+        progress.write_text(str(int(done)))
 
     start = time.perf_counter()
     result = model.inverse_dynamics(motion, note)
     seconds = time.perf_counter() - start
     optional = {"closure_residual": result.closure_residual, "closure_error": result.closure_error}
-    given = {name: value for name, value in optional.items() if value is not None}
-    np.savez(folder / FORCES, allow_pickle=False, forces=result.forces, **given)
+    n = len(motion)
+    given = {name: _numbers(value, (n,), name) for name, value in optional.items() if value is not None}
+    np.savez(folder / FORCES, allow_pickle=False, forces=_numbers(result.forces, (n, 6), "forces"), **given)
     _report(folder, state="done", seconds=seconds, **facts)
+
+
+def _numbers(value: Any, shape: tuple[int, ...], name: str) -> Array:
+    array = np.asarray(value)
+    if array.shape != shape or array.dtype.kind not in "fiu":
+        found = f"{array.dtype} array of shape {array.shape}"
+        raise EngineError(f"gave {name} as {found}, not {shape} numbers")
+    return array.astype(np.float64)
 
 
 def _report(folder: Path, **status: Any) -> None:

@@ -30,7 +30,8 @@ from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
 
 RADIUS = 1e-20
-"""Every force is known to better than this, relative to the largest of its sample."""
+"""Every force is known to better than this, relative to the largest of its sample; where all of them
+vanish, to the square of it, relative to the load."""
 
 _FIRST_BITS, _MOST_BITS = 128, 16384
 Vector = list[Any]
@@ -119,7 +120,7 @@ class _Sample:
 def _certify(mechanism: Mechanism, sample: _Sample) -> tuple[Vector | None, int]:
     if _is_singular(mechanism, sample):
         return None, _FIRST_BITS
-    bits = _FIRST_BITS
+    bits, load = _FIRST_BITS, _load(mechanism, sample)
     while bits <= _MOST_BITS:
         with _precision(bits):
             try:
@@ -130,10 +131,19 @@ def _certify(mechanism: Mechanism, sample: _Sample) -> tuple[Vector | None, int]
                 continue
             forces = [solution[i, 0] for i in range(6)]
             largest = max((abs(force).upper() for force in forces), key=float)
-            if all(force.rad() <= RADIUS * largest for force in forces):
+            # Forces that vanish have no relative error: then it is their load that counts, squared.
+            known = max(RADIUS * largest, arb(RADIUS) ** 2 * load, key=float)
+            if all(force.rad() <= known for force in forces):
                 return forces, bits
         bits *= 2
     raise CertificationError(f"the forces could not be enclosed with {_MOST_BITS} bits")
+
+
+def _load(mechanism: Mechanism, sample: _Sample) -> float:
+    """Returns what the legs carry before anything of it cancels, roughly [N]."""
+    mass = mechanism.platform.mass + float(mechanism.lower.mass.sum() + mechanism.upper.mass.sum())
+    inertia = mass * (np.linalg.norm(mechanism.gravity) + np.linalg.norm(sample.acceleration))
+    return float(inertia + np.linalg.norm(sample.force))
 
 
 @contextmanager

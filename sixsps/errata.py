@@ -19,14 +19,14 @@ _COM, _MOMENT = (0.02, -0.01, 0.03), (4.0, -3.0, 2.0)
 _FILES = ("errata.md", "hexapod.yaml", "motion.csv")
 _TEXT = """# Errata of Wu, Xiong & Kong (2012)
 
-“Dynamic analysis of 6-SPS parallel mechanism”. Written by `sixsps errata --output docs/errata`.
+“Dynamic analysis of 6-SPS parallel mechanism”. Written by `sixsps errata --output .`
 
 Each error is the largest over all samples and legs, against certified forces up to {largest:.0f} N, when this
 misprint alone is put into the corrected equations. The case, in `hexapod.yaml` and `motion.csv` beside this
 page: the paper's example with the platform's centre of mass at {com} m, along {samples} samples of the
 bundled sinusoids, with a moment of {moment} N m on the platform. The last row is what this command finds:
 
-    sixsps compare docs/errata/hexapod.yaml docs/errata/motion.csv --engine wu2012-printed
+    sixsps compare hexapod.yaml motion.csv --engine wu2012-printed
 
 {table}
 

@@ -61,23 +61,30 @@ class UnknownNameError(InputError):
 
 
 class EngineUnavailable(SixspsError):  # noqa: N818  the name is the condition
-    """An engine whose library is missing or broken on this machine.
+    """An engine whose library is missing, of a wrong version or broken on this machine.
 
     Args:
         name: engine.
         reason: what importing it said.
-        extra: extra of this package that installs it; empty when it is part of the core.
+        extra: extra of this package that installs it; empty when that would not help.
+        broken: whether the library is there and does not import.
     """
 
-    def __init__(self, name: str, reason: str, extra: str = "") -> None:
+    def __init__(self, name: str, reason: str, extra: str = "", *, broken: bool = False) -> None:
         super().__init__(name, reason, extra)
         self.name = name
         self.reason = reason
         self.extra = extra
+        self.broken = broken
+
+    @property
+    def detail(self) -> str:
+        """The reason and what to do about it."""
+        remedy = f'; install it with: pip install "sixsps[{self.extra}]"' if self.extra else ""
+        return f"{self.reason}{remedy}"
 
     def __str__(self) -> str:
-        remedy = f'; install it with: pip install "sixsps[{self.extra}]"' if self.extra else ""
-        return f"engine {self.name} is not available: {self.reason}{remedy}"
+        return f"engine {self.name} is not available: {self.detail}"
 
 
 class EngineError(SixspsError):

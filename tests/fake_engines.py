@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 import sys
 import time
 
@@ -75,3 +76,43 @@ class Disagrees(_Fake):
         forces = inverse_dynamics(self.mechanism, motion)
         forces[3, 4] *= 1.01
         return EngineForces(forces)
+
+
+class GivesComplexNumbers(_Fake):
+    def inverse_dynamics(self, motion, progress):
+        return EngineForces(np.ones((len(motion), 6)) + 1j)
+
+
+class GivesOneClosure(_Fake):
+    def inverse_dynamics(self, motion, progress):
+        return EngineForces(np.ones((len(motion), 6)), np.float64(0), np.float64(0))
+
+
+class DiesOfARareSignal(_Fake):
+    def inverse_dynamics(self, motion, progress):
+        os.kill(os.getpid(), signal.SIGRTMIN + 6)
+
+
+class SaysWhatNoFileCanHold(_Fake):
+    def inverse_dynamics(self, motion, progress):
+        raise ValueError("half of \udcff")
+
+
+class OddWords(_Fake):
+    formulation = None
+
+    @staticmethod
+    def version():
+        return 4
+
+    def inverse_dynamics(self, motion, progress):
+        progress(4.5)
+        return EngineForces(np.ones((len(motion), 6), dtype=np.float32))
+
+
+class LeavesAChild(_Fake):
+    def inverse_dynamics(self, motion, progress):
+        child = subprocess.Popen(["sleep", "777"])
+        with open(os.environ["SIXSPS_TEST_PID"], "w") as file:  # noqa: PTH123
+            file.write(str(child.pid))
+        time.sleep(3600)

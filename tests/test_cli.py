@@ -116,6 +116,11 @@ class TestCompare:
         assert "errors are against legs that do not spin" in " ".join(result.stdout.split())
         assert "## Universal joints" in (tmp_path / "out" / "report.md").read_text()
 
+    def test_traps_and_universal_joints_do_not_go_together(self, tmp_path):
+        result = sixsps_command("compare", "--legs", "ups", "--traps", "--output", tmp_path / "out")
+        assert result.returncode == 2
+        assert result.stderr == "sixsps: --traps: with --legs ups; allowed: with --legs sps\n"
+
     def test_an_engine_without_universal_joints_says_so(self, tmp_path):
         result = sixsps_command(
             "compare", "--samples", 5, "--legs", "ups", "--engine", "kane", "--output", tmp_path / "out"
@@ -140,7 +145,7 @@ class TestCompare:
             "compare", "wu2012", tmp_path / "flat.csv", "--engine", "kane", "--output", tmp_path / "out"
         )
         assert result.returncode == 1
-        assert "sample 3 at t = 1.33333 s is singular" in result.stdout
+        assert "sample 3 at t = 1.333333333 s is singular" in result.stdout
         table = pq.read_table(tmp_path / "out" / "forces.parquet").to_pydict()
         assert np.isnan([table[f"f{leg}"][2] for leg in range(1, 7)]).all()
         assert np.isfinite([table[f"f{leg}"][1] for leg in range(1, 7)]).all()
@@ -180,6 +185,19 @@ class TestCompare:
         assert process.returncode == 0
         assert b"kane" in shown
         assert b"\x1b" not in out
+
+
+def test_a_half_installed_engine_has_failed_and_says_why(tmp_path):
+    (tmp_path / "mujoco.py").write_text("raise OSError('libmujoco.so.4: cannot open shared object file')\n")
+    result = sixsps_command(
+        "compare", "--samples", 5, "--engine", "kane", "--engine", "mujoco", "--output", tmp_path / "out",
+        env=os.environ | {"PYTHONPATH": str(tmp_path)}, cwd=Path(__file__).parents[1],
+    )  # fmt: skip
+    assert result.returncode == 1
+    assert "libmujoco.so.4: cannot open" in " ".join(result.stdout.split())
+    results = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert results["engines"]["kane"]["within_tolerance"] is True
+    assert results["engines"]["mujoco"]["status"] == "failed"
 
 
 def test_forces_read_back_exactly(tmp_path):

@@ -10,13 +10,16 @@ from cases import random_mechanism, random_motion, scaled
 
 import sixsps
 from compare import registry, tolerances
-from compare.tolerances import AGREEMENT, TOLERANCES, UNIT_ROUNDOFF
+from compare.tolerances import TOLERANCES, UNIT_ROUNDOFF
 from sixsps.kinematics import inverse_kinematics
 from sixsps.legs import Legs
 from sixsps.trajectories import bundled, fitted
 from sixsps.universal_joints import spin_forces
 from urdf.layout import first_axes
 
+# Rounding errors of an engine in units of cond(J) times unit roundoff, five times less than what is allowed
+# to an engine at work: these mechanisms are the ones that it was measured on.
+FACTOR = 20
 # Set where every engine is installed, so that a missing one is a failure and not a skip.
 ALL_REQUIRED = "SIXSPS_REQUIRE_ENGINES"
 
@@ -38,7 +41,7 @@ def forces_of(engine, mechanism, motion):
 
 @pytest.mark.parametrize("name", ["line", "sinusoids", "recorded"])
 def test_agrees_with_kane_on_bundled_mechanisms(engine, mechanism, name, request):
-    name_of_engine, make = engine
+    _, make = engine
     if name == "recorded":
         motion = fitted(request.getfixturevalue("recorded"), mechanism)[::4]
     else:
@@ -48,8 +51,7 @@ def test_agrees_with_kane_on_bundled_mechanisms(engine, mechanism, name, request
     assert result.forces.shape == (len(motion), 6)
     error = np.abs(result.forces - reference).max() / np.abs(reference).max()
     condition = inverse_kinematics(mechanism, motion).condition.max()
-    assert error <= TOLERANCES[name_of_engine].rounding_factor * condition * UNIT_ROUNDOFF
-    assert error <= AGREEMENT
+    assert error <= FACTOR * condition * UNIT_ROUNDOFF
 
 
 def test_stays_within_rounding_on_200_random_mechanisms(engine):
@@ -62,7 +64,7 @@ def test_stays_within_rounding_on_200_random_mechanisms(engine):
 
 def test_stays_within_rounding_far_from_the_origin(engine, wu2012):
     """The world frame kilometres away: what rounding of the coordinates allows, and no more."""
-    name, make = engine
+    _, make = engine
     shift = np.array([3e3, -1e4, 2e3])
     motion = bundled("sinusoids", wu2012, 20)
     far = dataclasses.replace(wu2012, base_anchors=wu2012.base_anchors + shift)
@@ -70,7 +72,7 @@ def test_stays_within_rounding_far_from_the_origin(engine, wu2012):
     reference = sixsps.inverse_dynamics(wu2012, motion)
     error = np.abs(forces_of(make, far, moved).forces - reference).max() / np.abs(reference).max()
     growth = inverse_kinematics(far, moved).error_growth.max()
-    assert error <= TOLERANCES[name].rounding(growth)
+    assert error <= FACTOR * growth * UNIT_ROUNDOFF
 
 
 @pytest.mark.parametrize("distance", [1e-2, 1e-4, 1e-6, 1e-8])
@@ -107,7 +109,7 @@ def assert_within_rounding(name, make, mechanism, motion):
     reference = sixsps.inverse_dynamics(mechanism, motion)
     forces = forces_of(make, mechanism, motion).forces
     condition = inverse_kinematics(mechanism, motion).condition
-    bound = TOLERANCES[name].rounding_factor * condition * UNIT_ROUNDOFF
+    bound = FACTOR * condition * UNIT_ROUNDOFF
     error = np.abs(forces - reference).max(axis=1) / np.abs(reference).max(axis=1)
     assert np.all(error <= bound), (mechanism.name, (error / condition / UNIT_ROUNDOFF).max())
 
@@ -133,13 +135,13 @@ def test_takes_gravity_from_the_mechanism(engine):
 
 
 def test_single_sample_equals_the_same_sample_among_others(engine):
-    name, make = engine
+    _, make = engine
     mechanism = random_mechanism(7)
     motion = random_motion(mechanism, 7)
     whole = forces_of(make, mechanism, motion).forces
     single = forces_of(make, mechanism, motion[2:3]).forces
     condition = inverse_kinematics(mechanism, motion).condition[2]
-    bound = TOLERANCES[name].rounding_factor * condition * UNIT_ROUNDOFF
+    bound = FACTOR * condition * UNIT_ROUNDOFF
     assert np.abs(single[0] - whole[2]).max() <= bound * np.abs(whole[2]).max()
 
 
@@ -184,20 +186,20 @@ def ups(request):
 
 @pytest.mark.parametrize("name", ["line", "sinusoids"])
 def test_universal_joints_cost_what_the_spin_of_the_legs_costs(ups, mechanism, name):
-    engine, make = ups
+    _, make = ups
     motion = bundled(name, mechanism, 100)
     without = sixsps.inverse_dynamics(mechanism, motion)
     spin = spin_forces(mechanism, motion, first_axes(mechanism))
     forces = forces_of(make, mechanism, motion).forces
     largest = np.abs(without).max()
     growth = inverse_kinematics(mechanism, motion).error_growth.max()
-    assert np.abs(forces - spin - without).max() <= TOLERANCES[engine].rounding(growth) * largest
+    assert np.abs(forces - spin - without).max() <= FACTOR * growth * UNIT_ROUNDOFF * largest
     assert 1e-10 * largest < np.abs(forces - without).max() <= tolerances.UPS * largest
 
 
 def test_universal_joints_on_random_mechanisms(ups):
     """Fast turning and stout legs, where the spin costs up to a thousandth of the forces."""
-    engine, make = ups
+    _, make = ups
     costs = []
     for seed in range(60):
         mechanism = random_mechanism(seed)
@@ -208,7 +210,7 @@ def test_universal_joints_on_random_mechanisms(ups):
         growth = inverse_kinematics(mechanism, motion).error_growth
         largest = np.abs(without).max(axis=1)
         error = np.abs(forces - spin - without).max(axis=1) / largest
-        assert np.all(error <= TOLERANCES[engine].rounding_factor * growth * UNIT_ROUNDOFF), seed
+        assert np.all(error <= FACTOR * growth * UNIT_ROUNDOFF), seed
         costs.append((np.abs(spin).max(axis=1) / largest).max())
     assert max(costs) > 1e-4
 

@@ -45,6 +45,10 @@ def job(wu2012):
         ("Leaves", "exited with status 3: license expired"),
         ("GivesNan", "leg 3 at t = 0.222222 s is not a number"),
         ("GivesTooFew", r"shape \(9, 6\), not \(10, 6\)"),
+        ("GivesComplexNumbers", r"forces as complex128 array of shape \(10, 6\)"),
+        ("GivesOneClosure", r"closure_residual as float64 array of shape \(\), not \(10,\)"),
+        ("DiesOfARareSignal", r"killed by signal \d+"),
+        ("SaysWhatNoFileCanHold", r"half of \\udcff"),
     ],
 )
 def test_failure_has_its_reason_and_spares_the_others(fake, job, attribute, reason):
@@ -67,6 +71,12 @@ def test_hanging_engine_is_stopped_at_the_time_limit(fake, job, attribute, doing
     assert kane.status == "ok"
 
 
+def test_odd_words_do_no_harm(fake, job):
+    (outcome,) = run([fake("OddWords")], *job)
+    assert outcome.status == "ok", outcome.reason
+    assert outcome.facts["version"] == "4"
+
+
 def test_garbage_on_standard_output_harms_nobody(fake, job, capfd):
     (outcome,) = run([fake("PrintsGarbage")], *job)
     assert outcome.status == "ok"
@@ -74,14 +84,27 @@ def test_garbage_on_standard_output_harms_nobody(fake, job, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-def test_missing_and_broken_libraries_are_unavailable(fake, job, tmp_path, monkeypatch):
+def test_missing_library_is_unavailable_and_a_broken_one_has_failed(fake, job, tmp_path, monkeypatch):
     (tmp_path / "half_installed.py").write_text("import no_such_dependency\n")
     monkeypatch.syspath_prepend(tmp_path)
     names = [fake("GivesNan", "no_such_library"), fake("GivesTooFew", "half_installed")]
     missing, broken = run(names, *job)
-    assert missing.status == broken.status == "unavailable"
-    assert "no_such_library is not installed" in missing.reason
+    assert (missing.status, broken.status) == ("unavailable", "failed")
+    assert missing.reason == "package no_such_library is not installed"
     assert "No module named 'no_such_dependency'" in broken.reason
+
+
+def test_a_child_that_an_engine_started_ends_with_it(fake, job, tmp_path, monkeypatch):
+    monkeypatch.setenv("SIXSPS_TEST_PID", str(tmp_path / "pid"))
+    (outcome,) = run([fake("LeavesAChild")], *job, time_limit=3.0)
+    assert outcome.status == "failed"
+    child = int((tmp_path / "pid").read_text())
+    for _ in range(100):
+        status = Path(f"/proc/{child}/stat")
+        if not status.exists() or status.read_text().split()[2] == "Z":
+            return
+        time.sleep(0.05)
+    pytest.fail("the child goes on")
 
 
 def test_singular_samples_are_not_given_to_engines_and_come_back_as_nan(job):

@@ -39,7 +39,7 @@ _NO_MASS = 1e-200
 # 1.7e-10 there, and lost in rounding below the first of these angles.
 _COARSE_ANGLES = (1e-6, 2e-3)
 # The cosine beyond which rounding shows, as for the same joints in the engine `pinocchio`.
-_GIMBAL_LOCK = 1e-2
+_GIMBAL_LOCK = 0.05
 _LOCKED = {
     Legs.sps: "gimbal lock of a URDF ball (three revolute joints) at given sample {}: a leg stands across "
     "its home direction; the pose is regular, use pinocchio-ball",

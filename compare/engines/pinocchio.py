@@ -29,8 +29,9 @@ from urdf import parse_closures, render_closures, render_mjcf, render_urdf
 from urdf.closures import CLOSURES
 
 _PROGRESS_STEP = 100
-# The cosine beyond which rounding shows: on wu2012 errors are 1e-14 at 1e-2, 1e-12 at 1e-3 and 4e-9 at 1e-4.
-_GIMBAL_LOCK = 1e-2
+# The cosine beyond which rounding shows: on wu2012 errors are 1e-14 at 1e-2, 1e-12 at 1e-3 and 4e-9 at 1e-4,
+# in general as 4 / cosine times cond(J) times unit roundoff.
+_GIMBAL_LOCK = 0.05
 _LEGS = range(1, 7)
 _WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
