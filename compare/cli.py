@@ -9,12 +9,25 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Callable
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from compare.cli_arguments import (
+    Cutoff,
+    Engines,
+    Fit,
+    LegType,
+    MechanismName,
+    MotionName,
+    OutputFile,
+    Samples,
+    complete_engine,
+    complete_motion,
+)
+from compare.cli_simulate import simulate
+from compare.cli_tools import export, modes
 from sixsps.errors import InputError, SixspsError, printable, shown
 from sixsps.legs import Legs
 
@@ -35,63 +48,6 @@ _UsageError: Any = typer.BadParameter.__base__
 def _help_without_command(context: typer.Context) -> None:
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
-
-
-def _complete_mechanism(incomplete: str) -> list[str]:
-    from sixsps.mechanism_file import bundled_mechanisms
-
-    return [name for name in bundled_mechanisms() if name.startswith(incomplete)]
-
-
-def _complete_motion(incomplete: str) -> list[str]:
-    from sixsps.trajectories import bundled_motions
-
-    return [name for name in bundled_motions() if name.startswith(incomplete)]
-
-
-def _complete_engine(incomplete: str) -> list[str]:
-    from compare.registry import ENGINES
-
-    return [name for name in ENGINES if name.startswith(incomplete)]
-
-
-MechanismName = Annotated[
-    str,
-    typer.Argument(
-        metavar="MECHANISM", help="Mechanism file (YAML) or bundled name.", autocompletion=_complete_mechanism
-    ),
-]
-MotionName = Annotated[
-    str,
-    typer.Argument(
-        metavar="MOTION", help="Motion file (CSV, Parquet) or bundled name.", autocompletion=_complete_motion
-    ),
-]
-Engines = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--engine",
-        metavar="NAME",
-        help="Engine to compare, repeatable; all by default.",
-        autocompletion=_complete_engine,
-    ),
-]
-Samples = Annotated[
-    int | None, typer.Option(metavar="N", help="Samples of a bundled motion; 2001 by default.")
-]
-Cutoff = Annotated[
-    float | None,
-    typer.Option(
-        metavar="HZ", help="Corner frequency that smooths a recorded motion; from the data by default."
-    ),
-]
-Fit = Annotated[
-    bool, typer.Option("--fit", help="Shift and scale a file's motion to the mechanism's home and strokes.")
-]
-LegType = Annotated[Legs, typer.Option(help="Joints at the base of the legs: ball (sps) or universal (ups).")]
-OutputFile = Annotated[
-    Path, typer.Option("--output", metavar="FILE", help="File to write: .csv or .parquet.")
-]
 
 
 @app.command()
@@ -166,7 +122,7 @@ def forces(
     engine: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME", help="What computes them; kane by default.", autocompletion=_complete_engine
+            metavar="NAME", help="What computes them; kane by default.", autocompletion=complete_engine
         ),
     ] = None,
     reactions: Annotated[
@@ -235,30 +191,6 @@ def ik(
     write_table(columns, output)
 
 
-class Format(StrEnum):
-    """What `export` can write."""
-
-    urdf = "urdf"
-    mjcf = "mjcf"
-
-
-@app.command()
-def export(
-    format: Annotated[Format, typer.Argument(metavar="FORMAT", help="urdf or mjcf.")],  # noqa: A002  shown in the help
-    mechanism: MechanismName,
-    output: Annotated[Path, typer.Option(metavar="PATH", help="Folder, or file name of the URDF or MJCF.")],
-    legs: LegType = Legs.sps,
-) -> None:
-    """Write URDF, closure YAML and MJCF. Example: sixsps export urdf wu2012 --output description."""
-    from sixsps.mechanism import Mechanism
-    from urdf.export import export_mjcf, export_urdf
-
-    hexapod = Mechanism.load(mechanism)
-    written = (export_urdf if format is Format.urdf else export_mjcf)(hexapod, output, legs)
-    for path in written:
-        typer.echo(str(path))
-
-
 @app.command()
 def engines() -> None:
     """List the engines: what is here, which version, or why not. Example: sixsps engines."""
@@ -277,7 +209,7 @@ def digits(
         typer.Argument(
             metavar="[MOTION]...",
             help="Bundled names or files; line and sinusoids by default.",
-            autocompletion=_complete_motion,
+            autocompletion=complete_motion,
         ),
     ] = None,
     engine: Engines = None,
@@ -319,6 +251,11 @@ def errata(
         return
     for path in write(output_folder(output)):
         typer.echo(str(path))
+
+
+app.command()(simulate)
+app.command()(modes)
+app.add_typer(export, name="export")
 
 
 def _print(renderable: Any) -> None:

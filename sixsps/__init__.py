@@ -13,6 +13,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from sixsps.dynamics import State as State
+    from sixsps.dynamics import bias as bias
+    from sixsps.dynamics import forward_dynamics as forward_dynamics
+    from sixsps.dynamics import kinetic_energy as kinetic_energy
+    from sixsps.dynamics import mass_matrix as mass_matrix
+    from sixsps.dynamics import potential_energy as potential_energy
     from sixsps.errors import EngineError as EngineError
     from sixsps.errors import EngineUnavailable as EngineUnavailable
     from sixsps.errors import InputError as InputError
@@ -22,6 +28,9 @@ if TYPE_CHECKING:
     from sixsps.errors import SixspsError as SixspsError
     from sixsps.errors import UnknownNameError as UnknownNameError
     from sixsps.formulations import inverse_dynamics as inverse_dynamics
+    from sixsps.formulations.newton_euler import joint_reactions as joint_reactions
+    from sixsps.identification import base_parameters as base_parameters
+    from sixsps.identification import identify as identify
     from sixsps.kinematics import LegKinematics as LegKinematics
     from sixsps.kinematics import inverse_kinematics as inverse_kinematics
     from sixsps.mechanism import Leg as Leg
@@ -30,6 +39,8 @@ if TYPE_CHECKING:
     from sixsps.mechanism import Platform as Platform
     from sixsps.mechanism_file import bundled_mechanisms as bundled_mechanisms
     from sixsps.motion import Motion as Motion
+    from sixsps.regressor import inertial_parameters as inertial_parameters
+    from sixsps.regressor import wrench_forces as wrench_forces
 
 # Imported when first asked for: the module alone has to be there at once.
 _PLACES = {
@@ -46,10 +57,21 @@ _PLACES = {
     "OutputError": "errors",
     "Platform": "mechanism",
     "SixspsError": "errors",
+    "State": "dynamics",
     "UnknownNameError": "errors",
+    "bias": "dynamics",
     "bundled_mechanisms": "mechanism_file",
+    "base_parameters": "identification",
+    "forward_dynamics": "dynamics",
+    "identify": "identification",
+    "inertial_parameters": "regressor",
     "inverse_dynamics": "formulations",
     "inverse_kinematics": "kinematics",
+    "joint_reactions": "formulations.newton_euler",
+    "kinetic_energy": "dynamics",
+    "mass_matrix": "dynamics",
+    "potential_energy": "dynamics",
+    "wrench_forces": "regressor",
 }
 _MODULES = ("rotation", "symbolic", "trajectories")
 

@@ -13,6 +13,7 @@ import numpy as np
 from sixsps.arrays import Array
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
+from sixsps.rotation import cross
 from sixsps.singularity import condition_numbers
 
 
@@ -62,7 +63,7 @@ class LegKinematics:
 
         Row i is [s_i, c_i x s_i]; its transpose is J of eq. 31, leg forces to wrench about O1.
         """
-        return np.concatenate([self.directions, np.cross(self.arms, self.directions)], axis=-1)
+        return np.concatenate([self.directions, cross(self.arms, self.directions)], axis=-1)
 
     @cached_property
     def condition(self) -> Array:
@@ -93,18 +94,18 @@ def inverse_kinematics(mechanism: Mechanism, motion: Motion) -> LegKinematics:
     c = np.einsum("nij,kj->nki", motion.rotation, mechanism.platform_anchors)
     # In this order a world frame far away costs no digits of c.
     S = (motion.position[:, None] - mechanism.base_anchors) + c
-    turning = np.cross(omega, c)
+    turning = cross(omega, c)
     dS = motion.velocity[:, None] + turning
-    ddS = motion.acceleration[:, None] + np.cross(epsilon, c) + np.cross(omega, turning)
+    ddS = motion.acceleration[:, None] + cross(epsilon, c) + cross(omega, turning)
     with np.errstate(invalid="ignore", divide="ignore"):
         l = np.linalg.norm(S, axis=-1, keepdims=True)  # noqa: E741  the paper's letter
         s = S / l
         dl = _dot(s, dS)
-        omega_l = np.cross(s, dS) / l  # eq. 5: no component along s
-        epsilon_l = (np.cross(s, ddS) - 2 * dl * omega_l) / l
+        omega_l = cross(s, dS) / l  # eq. 5: no component along s
+        epsilon_l = (cross(s, ddS) - 2 * dl * omega_l) / l
         omega_squared = _dot(omega_l, omega_l)
-    ds = np.cross(omega_l, s)
-    dds = np.cross(epsilon_l, s) - omega_squared * s
+    ds = cross(omega_l, s)
+    dds = cross(epsilon_l, s) - omega_squared * s
     e_d, e_u = mechanism.lower.com[:, None], mechanism.upper.com[:, None]
     return LegKinematics(
         arms=c,

@@ -15,11 +15,15 @@ FORBIDDEN = {"sixsps": {"urdf", "compare"}, "urdf": {"compare"}, "compare": set(
 HOMES = {
     "casadi": {"sixsps/symbolic.py", "sixsps/formulations/lagrange.py"},
     "dartpy": {"compare/engines/dart.py"},
-    "exudyn": {"compare/engines/exudyn.py"},
+    "exudyn": {"compare/engines/exudyn.py", "compare/forward/exudyn.py"},
     "flint": {"sixsps/certified.py"},
-    "mujoco": {"compare/engines/mujoco.py", "compare/traps/mujoco.py"},
+    "mujoco": {"compare/engines/mujoco.py", "compare/forward/mujoco.py", "compare/traps/mujoco.py"},
     "opensim": {"compare/engines/opensim.py"},
-    "pinocchio": {"compare/engines/pinocchio.py", "compare/traps/pinocchio.py"},
+    "pinocchio": {
+        "compare/engines/pinocchio.py",
+        "compare/forward/pinocchio.py",
+        "compare/traps/pinocchio.py",
+    },
     "pydrake": {"compare/engines/drake.py", "compare/traps/drake.py"},
     "sympy": {"compare/engines/sympy.py"},
     "xacro": {"urdf/render.py"},

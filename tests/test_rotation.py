@@ -7,7 +7,14 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from sixsps.rotation import euler_motion, euler_rate_matrix, euler_rate_matrix_dot, skew
+from sixsps.rotation import (
+    cross,
+    euler_motion,
+    euler_rate_matrix,
+    euler_rate_matrix_dot,
+    quaternion_rates,
+    skew,
+)
 
 EPS = np.finfo(float).eps
 STEP = 0.02
@@ -150,3 +157,24 @@ def test_euler_rates_are_not_the_angular_velocity_in_general():
     angles, rates, zero = np.array([[0.3, 0.4, 0.5]]), np.array([[1.0, 1.0, 1.0]]), np.zeros((1, 3))
     omega, _ = euler_motion(angles, rates, zero)
     assert np.abs(omega - rates).max() > 0.1
+
+
+def test_cross_is_numpy_cross_to_the_last_bit():
+    rng = np.random.default_rng(2)
+    a, b = rng.standard_normal((2, 50, 6, 3))
+    assert np.array_equal(cross(a, b), np.cross(a, b))
+    assert np.array_equal(cross(a[:, :1], b), np.cross(a[:, :1], b))
+
+
+def test_quaternion_rates_turn_as_the_angular_velocity_says():
+    rng = np.random.default_rng(3)
+    start, omega = rotation_of(rng.standard_normal(4)), rng.standard_normal(3)
+    step = 1e-6
+    turned = Rotation.from_rotvec(step * omega) * start
+    before, after = (each.as_quat(scalar_first=True) for each in (start, turned))
+    after *= np.sign(after @ before)
+    assert np.allclose((after - before) / step, quaternion_rates(before, omega), atol=1e-5)
+
+
+def rotation_of(quaternion):
+    return Rotation.from_quat(quaternion, scalar_first=True)

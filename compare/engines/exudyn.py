@@ -75,7 +75,8 @@ class Bodies:
         self._solver = _solver(self._system)
         self.balls = np.array([self._equations(ball) for balls, _, _ in joints for ball in balls])
         self.slides = np.array([self._equations(slide) for _, slide, _ in joints])
-        self.lengths = np.array([self._equations(length)[0] for _, _, length in joints])
+        self._drives = [length for _, _, length in joints]
+        self.lengths = np.array([self._equations(length)[0] for length in self._drives])
         self.norms = np.setdiff1d(np.arange(85), [*self.balls.flat, *self.slides.flat, *self.lengths])
         norms = self.norms[1:].reshape(6, 2)
         self._leg_rows = np.hstack([self.balls.reshape(6, 6), self.slides, norms])
@@ -202,7 +203,7 @@ class Exudyn:
         try:
             self._bodies = Bodies(mechanism)
         except exu.ExudynError as error:
-            raise EngineError(f"exudyn does not accept the mechanism: {_one_line(error)}") from error
+            raise EngineError(f"exudyn does not accept the mechanism: {one_line(error)}") from error
 
     @staticmethod
     def version() -> str:
@@ -219,7 +220,7 @@ class Exudyn:
             try:
                 results[k] = _solve(self._bodies, q, rates[k], accelerations[k], wrench)
             except exu.ExudynError as error:
-                raise EngineError(f"exudyn fails at given sample {k + 1}: {_one_line(error)}") from error
+                raise EngineError(f"exudyn fails at given sample {k + 1}: {one_line(error)}") from error
             if (k + 1) % _PROGRESS_STEP == 0 or k + 1 == len(motion):
                 progress(k + 1)
         return EngineForces(results[:, :6], results[:, 6], results[:, 7])
@@ -331,5 +332,6 @@ def multipliers_for(matrix: Array, required: Array) -> tuple[Array, Array]:
     return multipliers, residual
 
 
-def _one_line(error: Exception) -> str:
+def one_line(error: Exception) -> str:
+    """Returns the message of an error of Exudyn without its line breaks."""
     return " ".join(str(error).split())

@@ -38,6 +38,9 @@ class Tree:
     Attributes:
         model: the compiled MJCF, closures disabled.
         data: MuJoCo's state and results.
+        platform: body of the platform.
+        platform_positions: its three slides' and its ball's part of q.
+        platform_columns: their part of the velocity.
         actuated: (6,) velocity indices of the actuators.
         units: (nv,) 1 for a coordinate along a line, the characteristic length for an angle [m].
         closure: (18, nv) Jacobian Jc of tips less anchors, leg by leg, at the state set last.
@@ -66,7 +69,7 @@ class Tree:
         self._tips, self._anchors = np.split(np.array(self._sites), 2)
         self._uppers = model.site_bodyid[self._tips]
         self._lowers = model.body_parentid[self._uppers]
-        self._platform = model.body("platform").id
+        self.platform = model.body("platform").id
         first, actuators = _FIRST_JOINT[self.legs], [model.joint(name) for name in CLOSURES.name_mot]
         roots = [model.joint(first.format(leg)) for leg in LEGS]
         pairs = list(zip(roots, actuators, strict=True))
@@ -75,16 +78,16 @@ class Tree:
         self.actuated = np.array([actuator.dofadr[0] for actuator in actuators])
         self._columns = np.array([np.arange(root.dofadr[0], end.dofadr[0] + 1) for root, end in pairs])
         platform = model.joint("platform_x")
-        self._platform_positions = slice(platform.qposadr[0], platform.qposadr[0] + 7)
-        self._platform_columns = slice(platform.dofadr[0], platform.dofadr[0] + 6)
+        self.platform_positions = slice(platform.qposadr[0], platform.qposadr[0] + 7)
+        self.platform_columns = slice(platform.dofadr[0], platform.dofadr[0] + 6)
 
     def positions(self, motion: Motion) -> Array:
         """Returns all joint positions q (n, nq), from where the platform puts the anchors."""
         model = self.model
         q = np.empty((len(motion), model.nq))
         unit = motion.quaternion / np.linalg.norm(motion.quaternion, axis=1, keepdims=True)
-        moved = motion.position - model.body_pos[self._platform]
-        q[:, self._platform_positions] = np.hstack([moved, unit])
+        moved = motion.position - model.body_pos[self.platform]
+        q[:, self.platform_positions] = np.hstack([moved, unit])
         home = np.empty(9)
         for leg, (lower, upper) in enumerate(zip(self._lowers, self._uppers, strict=True)):
             anchor = motion.rotation @ model.site_pos[self._anchors[leg]]
@@ -115,7 +118,7 @@ class Tree:
         self.closure = N[:, :3].reshape(18, -1)
         of_leg = np.take_along_axis(N, self._columns[:, None], axis=2)
         v, a = np.zeros((2, model.nv))
-        v[self._platform_columns], a[self._platform_columns] = rate, acceleration
+        v[self.platform_columns], a[self.platform_columns] = rate, acceleration
         v[self._columns] = np.linalg.solve(of_leg, -N @ v[:, None])[..., 0]
         data.qvel[:] = v
         mujoco.mj_comVel(model, data)  # without it mj_jacDot is silently wrong
@@ -149,7 +152,7 @@ class Tree:
         model, data = self.model, self.data
         mujoco.mj_inverse(model, data)
         applied = np.zeros(model.nv)  # mj_inverse does not look at xfrc_applied
-        mujoco.mj_applyFT(model, data, force, moment, data.xipos[self._platform], self._platform, applied)
+        mujoco.mj_applyFT(model, data, force, moment, data.xipos[self.platform], self.platform, applied)
         return data.qfrc_inverse - applied
 
     def closure_error(self) -> float:

@@ -91,6 +91,12 @@ class _Tree(ABC):
             q[:, self.model.joints[actuator].idx_q] = length[:, 0] - at_zero
         return q
 
+    def closure_error(self) -> float:
+        """Returns the largest distance between the ends of a loop [m], where the frames were put last."""
+        gaps = np.array([self.data.oMf[tip].translation for tip in self.tips])
+        gaps -= [self.data.oMf[anchor].translation for anchor in self.anchors]
+        return float(np.sqrt((gaps**2).sum(axis=1).max()))
+
     def _fill(self, q: Array, joint: int, values: Array) -> None:
         start = self.model.joints[joint].idx_q
         q[:, start : start + values.shape[1]] = values
@@ -167,7 +173,7 @@ class _UpsTree(_UrdfTree):
         return super().ball_positions(directions)[:, :2]
 
 
-class _MjcfTree(_Tree):
+class MjcfTree(_Tree):
     """From the MJCF with its `<connect>` closures: true balls, platform on three slides and a ball."""
 
     platform_joint = "Composite_platform_x"
@@ -181,16 +187,19 @@ class _MjcfTree(_Tree):
         super().__init__(model, closures, CLOSURES.closed_loop, mechanism.characteristic_length)
 
     def platform_positions(self, motion: Motion) -> Array:
+        """Returns slides and quaternion (x, y, z, w); see `_Tree`."""
         home = self.model.jointPlacements[self.platform].translation
         return np.hstack([motion.position - home, _xyzw(motion)])
 
     def platform_rates(self, motion: Motion) -> tuple[Array, Array]:
+        """Returns rates of slides and ball, which turns about axes of its body; see `_Tree`."""
         to_body = np.swapaxes(motion.rotation, 1, 2)
         omega = _turn(to_body, motion.angular_velocity)
         epsilon = _turn(to_body, motion.angular_acceleration)
         return np.hstack([motion.velocity, omega]), np.hstack([motion.acceleration, epsilon])
 
     def ball_positions(self, directions: Array) -> Array:
+        """Returns the quaternions (x, y, z, w) of the shortest turns; see `_Tree`."""
         x, y, z = directions.T
         # Shortest turn from z, by its half angle; along z any axis will do: no turn, or half a turn.
         across = np.hypot(x, y)
@@ -213,7 +222,7 @@ class _PinocchioEngine:
     """RNEA of the open tree and the solve for actuator and closure forces."""
 
     formulation = "recursive Newton-Euler (RNEA) of the open tree"
-    description: type[_UrdfTree] | type[_MjcfTree]
+    description: type[_UrdfTree] | type[MjcfTree]
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.tree = self.description(mechanism)
@@ -234,7 +243,7 @@ class _PinocchioEngine:
         external = pin.StdVec_Force([pin.Force.Zero() for _ in range(tree.model.njoints)])
         for k, q in enumerate(positions):
             external[tree.platform] = pin.Force(wrenches[k])
-            v, a = _joint_rates(tree, q, rates[k], accelerations[k])
+            v, a = joint_rates(tree, q, rates[k], accelerations[k])
             results[k] = self.sample(q, v, a, external)
             if (k + 1) % _PROGRESS_STEP == 0:
                 progress(k + 1)
@@ -273,7 +282,7 @@ class PinocchioBall(_PinocchioEngine):
 
     loops = "MJCF tree with <connect> read by Pinocchio, ball joints; [S, Jc^T] by QR"
     shares = "positions, rates, wrenches and loop-closing solve with pinocchio; R with kane"
-    description = _MjcfTree
+    description = MjcfTree
 
 
 def _joint_wrenches(tree: _Tree, motion: Motion) -> Array:
@@ -284,7 +293,7 @@ def _joint_wrenches(tree: _Tree, motion: Motion) -> Array:
     return np.hstack([force, moment + np.cross(com, force)])
 
 
-def _joint_rates(tree: _Tree, q: Array, rate: Array, acceleration: Array) -> tuple[Array, Array]:
+def joint_rates(tree: _Tree, q: Array, rate: Array, acceleration: Array) -> tuple[Array, Array]:
     """Returns v and a of all 30 coordinates, leg by leg from the motion of the platform joint.
 
     Of each leg, four unknown rates: its tip moves with the anchor (three equations) and the leg
@@ -320,7 +329,7 @@ def _joint_rates(tree: _Tree, q: Array, rate: Array, acceleration: Array) -> tup
 
 
 def _close_loops(tree: _Tree, tau: Array) -> Array:
-    """Solves [S, Jc^T] [F; lambda] = tau at the positions that `_joint_rates` has set.
+    """Solves [S, Jc^T] [F; lambda] = tau at the positions that `joint_rates` has set.
 
     Returns:
         (8,) six leg forces [N], the largest entry of the residual [N, N m], and the largest
@@ -337,6 +346,4 @@ def _close_loops(tree: _Tree, tau: Array) -> Array:
     if info != 0:
         raise EngineError(f"the loop-closing solve failed: dgels returned {info}")
     residual = np.abs(tau - matrix @ solution[:24]).max()
-    gaps = np.array([data.oMf[tip].translation for tip in tree.tips])
-    gaps -= [data.oMf[anchor].translation for anchor in tree.anchors]
-    return np.array([*solution[:6], residual, np.sqrt((gaps**2).sum(axis=1).max())])
+    return np.array([*solution[:6], residual, tree.closure_error()])

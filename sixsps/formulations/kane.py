@@ -17,7 +17,7 @@ from sixsps.arrays import Array
 from sixsps.kinematics import LegKinematics, inverse_kinematics
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
-from sixsps.rotation import skew
+from sixsps.rotation import cross, skew
 from sixsps.singularity import solve_leg_forces
 
 _E = np.eye(3)
@@ -38,18 +38,21 @@ def inverse_dynamics(mechanism: Mechanism, motion: Motion) -> Array:
     return solve_leg_forces(legs.jacobian, C, legs.condition, mechanism.characteristic_length)
 
 
-def actuator_wrench(mechanism: Mechanism, motion: Motion, legs: LegKinematics) -> Array:
+def actuator_wrench(
+    mechanism: Mechanism, motion: Motion, legs: LegKinematics, partial: PartialVelocities | None = None
+) -> Array:
     """Returns C of eq. 31, the wrench that the six actuators together exert on the mechanism.
 
     Args:
         mechanism: geometry and inertia.
         motion: n samples.
         legs: `inverse_kinematics(mechanism, motion)`.
+        partial: `partial_velocities(mechanism, motion, legs)`, where they are known already.
 
     Returns:
         (n, 6) force [N] and moment about O1 [N m], world axes.
     """
-    partial = partial_velocities(mechanism, motion, legs)
+    partial = partial or partial_velocities(mechanism, motion, legs)
     active = _active_forces(mechanism, motion, partial)
     inertia = _inertia_forces(mechanism, motion, legs, partial)
     return -(active + inertia)
@@ -89,12 +92,12 @@ def partial_velocities(mechanism: Mechanism, motion: Motion, legs: LegKinematics
     across = _E - ss
     # Eq. 15 prints + c s^T, and the row vectors s^T and (c x s)^T for s s^T and s (c x s)^T.
     K = np.sum(s * c, axis=-1)[..., None, None] * _E - c[..., :, None] * s[..., None, :]
-    along = s[..., :, None] * np.cross(c, s)[..., None, :]
+    along = s[..., :, None] * cross(c, s)[..., None, :]
     with np.errstate(invalid="ignore", divide="ignore"):
         leg = np.concatenate([s_skew, K], axis=-1) / l
         lower = e_d / l * np.concatenate([across, -s_skew @ K], axis=-1)  # eq. 14
         rest = 1 - e_u / l
-    upper = np.concatenate([ss + rest * across, along - rest * s_skew @ K], axis=-1)  # eq. 15
+        upper = np.concatenate([ss + rest * across, along - rest * s_skew @ K], axis=-1)  # eq. 15
     zero, one = np.zeros((3, 3)), np.broadcast_to(_E, (len(motion), 3, 3))
     r_m = motion.rotation @ mechanism.platform.com  # eqs. 6 and 11 leave r_m in platform axes
     platform = np.concatenate([one, -skew(r_m)], axis=-1)
@@ -139,8 +142,8 @@ def _inertia_forces(
 def _platform_inertia_forces(mechanism: Mechanism, motion: Motion) -> tuple[Array, Array]:
     R, omega, epsilon = motion.rotation, motion.angular_velocity, motion.angular_acceleration
     r_m = R @ mechanism.platform.com
-    a_m = motion.acceleration + np.cross(epsilon, r_m) + np.cross(omega, np.cross(omega, r_m))
+    a_m = motion.acceleration + cross(epsilon, r_m) + cross(omega, cross(omega, r_m))
     I_m = R @ mechanism.platform.inertia @ np.swapaxes(R, 1, 2)  # eqs. 27-29 print I_m unturned
     spin = np.einsum("nij,nj->ni", I_m, omega)
-    moment = np.einsum("nij,nj->ni", I_m, epsilon) + np.cross(omega, spin)
+    moment = np.einsum("nij,nj->ni", I_m, epsilon) + cross(omega, spin)
     return -mechanism.platform.mass * a_m, -moment

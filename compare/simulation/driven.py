@@ -1,0 +1,49 @@
+"""`driven`: Exudyn moves its bodies by the leg lengths alone, and its multipliers are the leg forces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from compare.simulation.outcome import Outcome
+from compare.simulation.plan import Plan, spline
+from compare.simulation.trajectory import Trajectory
+
+
+def driven(engine: Any, plan: Plan, progress: Callable[[int], None]) -> Outcome:
+    """Returns the motion of bodies that are driven by the planned leg lengths.
+
+    Args:
+        engine: `compare.forward.exudyn.Exudyn` of the plan's mechanism.
+        plan: motion, and the forces that the multipliers are compared with.
+        progress: called with the number of samples done so far.
+
+    Raises:
+        EngineError: Exudyn does not get to the end of the motion.
+    """
+    run = engine.driven(plan.motion, progress)
+    # Its integrator has positions only; its velocities are smooth enough to be differentiated.
+    twist = np.hstack([run.state.velocity, run.state.angular_velocity])
+    accelerations = spline(plan.motion.time, twist).derivative()(plan.motion.time)
+    trajectory = Trajectory(plan.motion, run.state, accelerations, run.forces, run.closure_error)
+    later = plan.motion.time > plan.motion.time[0] + run.transient
+    difference = np.abs(run.forces - plan.forces)[later]
+    largest = float(np.abs(plan.forces).max())
+    notes = () if later.any() else ("no sample lies after the start-up transient",)
+    return Outcome(
+        trajectory,
+        stopped=plan.cut,
+        settings={
+            "time_step_s": run.step,
+            "accelerations": "derivative of the spline through the velocities",
+        },
+        more={
+            "max_force_difference_N": float(difference.max()) if later.any() else None,
+            "max_relative_force_difference": float(difference.max()) / largest if later.any() else None,
+            "force_error_estimate_N": run.error_estimate,
+            "transient_s": run.transient,
+        },
+        notes=notes,
+    )
