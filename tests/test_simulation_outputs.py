@@ -10,9 +10,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from compare.simulation.modes import Mode
-from compare.simulation.outputs import columns, summary, write_simulation
+from compare.simulation.outputs import error_columns, motion_columns, summary, write_simulation
 from compare.simulation.simulate import Request, simulate
 from sixsps.formulations import inverse_dynamics
+from sixsps.motion import Motion
 from sixsps.trajectories import bundled
 
 KEYS = {
@@ -38,7 +39,9 @@ def test_recover_from_the_command_line(wu2012, tmp_path):
     assert (done.returncode, done.stderr) == (0, "")
     assert max(map(len, done.stdout.splitlines())) <= 80
     assert "acceleration error" in done.stdout
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"simulation.json", "trajectory.parquet"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "errors.parquet", "simulation.json", "trajectory.parquet",
+    }  # fmt: skip
     facts = json.loads((tmp_path / "out" / "simulation.json").read_text())
     assert set(facts) >= KEYS | {"command"}
     assert (facts["engine"], facts["mode"], facts["stopped"]) == ("closed-form", "recover", None)
@@ -47,6 +50,9 @@ def test_recover_from_the_command_line(wu2012, tmp_path):
     table = pq.read_table(tmp_path / "out" / "trajectory.parquet").to_pydict()
     motion = bundled("line", wu2012, 21)
     np.testing.assert_array_equal(table["y"], motion.position[:, 1])
+    again = Motion.load(tmp_path / "out" / "trajectory.parquet")
+    np.testing.assert_array_equal(again.velocity, motion.velocity)
+    table = pq.read_table(tmp_path / "out" / "errors.parquet").to_pydict()
     forces = np.transpose([table[f"f{leg}"] for leg in range(1, 7)])
     np.testing.assert_array_equal(forces, inverse_dynamics(wu2012, motion))
 
@@ -87,7 +93,9 @@ def vars_of(motion):
 
 
 def test_trajectory_has_the_columns_of_a_motion_and_of_the_errors(followed):
-    table = columns(followed.outcome.trajectory, simulated=True)
+    table = motion_columns(followed.outcome.trajectory) | error_columns(
+        followed.outcome.trajectory, simulated=True
+    )
     motion = ["t", "x", "y", "z", "qw", "qx", "qy", "qz", "vx", "vy", "vz", "wx", "wy", "wz"]
     motion += ["ax", "ay", "az", "ex", "ey", "ez", "fx", "fy", "fz", "mx", "my", "mz"]
     assert list(table)[: len(motion)] == motion

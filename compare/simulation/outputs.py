@@ -15,12 +15,12 @@ from sixsps.arrays import Array
 from sixsps.files import write_atomically
 from sixsps.tables import write_table
 
-SIMULATION, TRAJECTORY = "simulation.json", "trajectory.parquet"
+SIMULATION, TRAJECTORY, ERRORS = "simulation.json", "trajectory.parquet", "errors.parquet"
 _AXES = ("x", "y", "z")
 
 
 def write_simulation(simulation: Simulation, command: str, folder: Path) -> None:
-    """Writes `trajectory.parquet` and `simulation.json` into an existing folder.
+    """Writes `trajectory.parquet`, `errors.parquet` and `simulation.json` into an existing folder.
 
     Args:
         simulation: what to write.
@@ -31,32 +31,47 @@ def write_simulation(simulation: Simulation, command: str, folder: Path) -> None
         OutputError: a file cannot be written.
     """
     outcome = simulation.outcome
-    write_table(columns(outcome.trajectory, simulated=outcome.simulated), folder / TRAJECTORY)
+    write_table(motion_columns(outcome.trajectory), folder / TRAJECTORY)
+    write_table(error_columns(outcome.trajectory, simulated=outcome.simulated), folder / ERRORS)
     facts = simulation.facts | {"command": command}
     with write_atomically(folder / SIMULATION) as temporary:
         text = json.dumps(facts, indent=2, allow_nan=False, ensure_ascii=False)
         temporary.write_text(text + "\n", encoding="utf-8")
 
 
-def columns(path: Trajectory, *, simulated: bool) -> dict[str, Array]:
-    """Returns the columns of `trajectory.parquet`.
+def motion_columns(path: Trajectory) -> dict[str, Array]:
+    """Returns the columns of `trajectory.parquet`, a motion file.
 
-    Those of a motion file, simulated; then leg forces f1..f6 and, with a PD, its part feedback1..6 [N];
-    errors against the plan: position_error [m], orientation_error [rad], acceleration_error [m/s^2],
-    angular_acceleration_error [rad/s^2]; closure_error [m]. Where only accelerations are simulated,
-    pose and twist are the planned ones.
+    Where only accelerations are simulated, pose and twist are the planned ones.
+
+    Args:
+        path: k samples.
+    """
+    state = path.state
+    quaternion = state.quaternion / np.linalg.norm(state.quaternion, axis=1, keepdims=True)
+    table = {"t": path.planned.time}
+    table |= _named(_AXES, state.position) | _named(("qw", "qx", "qy", "qz"), quaternion)
+    table |= _named(("vx", "vy", "vz"), state.velocity) | _named(("wx", "wy", "wz"), state.angular_velocity)
+    table |= _named(("ax", "ay", "az", "ex", "ey", "ez"), path.accelerations)
+    return (
+        table
+        | _named(("fx", "fy", "fz"), path.planned.force)
+        | _named(("mx", "my", "mz"), path.planned.moment)
+    )
+
+
+def error_columns(path: Trajectory, *, simulated: bool) -> dict[str, Array]:
+    """Returns the columns of `errors.parquet`.
+
+    Leg forces f1..f6 and, with a PD, its part feedback1..6 [N]; errors against the plan:
+    position_error [m], orientation_error [rad], acceleration_error [m/s^2],
+    angular_acceleration_error [rad/s^2]; closure_error [m].
 
     Args:
         path: k samples.
         simulated: whether pose and twist are.
     """
-    state = path.state
-    table = {"t": path.planned.time}
-    table |= _named(_AXES, state.position) | _named(("qw", "qx", "qy", "qz"), state.quaternion)
-    table |= _named(("vx", "vy", "vz"), state.velocity) | _named(("wx", "wy", "wz"), state.angular_velocity)
-    table |= _named(("ax", "ay", "az", "ex", "ey", "ez"), path.accelerations)
-    table |= _named(("fx", "fy", "fz"), path.planned.force) | _named(("mx", "my", "mz"), path.planned.moment)
-    table |= _named([f"f{leg}" for leg in range(1, 7)], path.forces)
+    table = {"t": path.planned.time} | _named([f"f{leg}" for leg in range(1, 7)], path.forces)
     if path.feedback is not None:
         table |= _named([f"feedback{leg}" for leg in range(1, 7)], path.feedback)
     if simulated:
