@@ -233,26 +233,89 @@ def through_a_singularity(mechanism):
     return quintic(np.linspace(0, 1, 501), home, home, [0, 0, 2.0])
 
 
-def test_a_solver_that_gives_up_says_when(wu2012, tmp_path, monkeypatch, capfd):
+def assert_reached(motion, found, forces):
+    """All samples before the end, and none after it; forces as they are where the run goes on."""
+    kept = len(found.time)
+    assert np.array_equal(found.time, motion.time[:kept])
+    assert motion.time[kept - 1] < found.end
+    assert motion.time[kept] > found.end - 2 * found.step
+    assert len(found.state) == kept
+    for name in ("forces", "position_error", "orientation_error", "closure_error"):
+        assert len(getattr(found, name)) == kept
+    off = np.abs(found.forces - forces[:kept]).max(axis=1)[found.time - motion.time[0] >= found.transient]
+    assert off[:-10].max() <= 1e-4 * np.abs(forces[:kept]).max()
+
+
+def test_a_solver_that_gives_up_keeps_what_it_has(wu2012, tmp_path, monkeypatch, capfd):
     """Quietly, though Exudyn's solvers print and write files unless they are told."""
-    motion = through_a_singularity(wu2012)
+    motion = replace(through_a_singularity(wu2012), time=np.linspace(3, 4, 501))
     signs = np.linalg.slogdet(inverse_kinematics(wu2012, motion).jacobian)[0]
     assert signs[0] != signs[-1]
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(sixsps.EngineError, match=r"gives up 0\.6\d* s .* does not converge") as caught:
-        run(wu2012, motion, step=1e-3)
-    run(wu2012, short(wu2012, 3))
-    assert "\n" not in str(caught.value)
+    calls = []
+    found = driven.Exudyn(wu2012).driven(motion, calls.append, step=1e-3)
+    assert found.stopped.startswith("the integrator gave up: Newton's method does not converge")
+    assert 3.6 < found.end < 3.7
+    assert_reached(motion, found, sixsps.inverse_dynamics(wu2012, motion))
+    assert calls[-1] == len(found.time)
+    assert run(wu2012, short(wu2012, 3)).stopped == ""
     assert not list(tmp_path.iterdir())
     assert capfd.readouterr() == ("", "")
 
 
-def test_what_exudyn_refuses_is_an_engine_error_of_one_line(wu2012, monkeypatch):
-    def broken(*_):
-        raise ValueError("no\nway")
+def test_a_run_stops_where_it_is_told_to(line, wu2012):
+    motion, whole, _ = line
+    start = motion.position[0]
 
-    monkeypatch.setattr(driven.DrivenBodies, "_drive", broken)
-    with pytest.raises(sixsps.EngineError, match=r"exudyn fails on the motion: .*no way") as caught:
+    def trouble(state):
+        return "far enough" if np.linalg.norm(state.position[0] - start) > 0.01 else ""
+
+    found = run(wu2012, motion, trouble=trouble)
+    assert found.stopped == "far enough"
+    assert_reached(motion, found, whole.forces)
+    far = np.linalg.norm(motion.position - start, axis=1) > 0.01
+    assert len(found.time) == np.argmax(far)
+    assert whole.stopped == ""
+    assert whole.end == motion.time[-1]
+
+
+def failing_after(monkeypatch, steps, message="no\nway"):
+    right = driven.DrivenBodies._drive
+
+    def drive(self, driving, k):
+        if k > steps:
+            raise ValueError(message)
+        right(self, driving, k)
+
+    monkeypatch.setattr(driven.DrivenBodies, "_drive", drive)
+
+
+def test_an_error_on_the_way_keeps_what_came_before(wu2012, monkeypatch):
+    motion = short(wu2012)
+    forces = run(wu2012, motion).forces
+    failing_after(monkeypatch, 1000)
+    found = run(wu2012, motion)
+    assert "exudyn fails on the motion: " in found.stopped
+    assert "\n" not in found.stopped
+    assert found.end == pytest.approx(1001 * found.step)
+    assert_reached(motion, found, forces)
+
+
+def test_a_run_shorter_than_the_transient_has_no_estimate(wu2012, monkeypatch):
+    motion = lively(wu2012, np.linspace(0, 0.1, 101))
+    failing_after(monkeypatch, 2)
+    found = run(wu2012, motion, step=1e-3)
+    assert len(found.time) == 3
+    assert np.isnan(found.error_estimate)
+
+
+@pytest.mark.parametrize("steps", [0, 10])
+def test_a_run_that_does_not_get_to_the_second_sample_is_an_engine_error_of_one_line(
+    wu2012, monkeypatch, steps
+):
+    failing_after(monkeypatch, steps)
+    message = r"exudyn fails on the motion: .*no way.*, before the second sample$"
+    with pytest.raises(sixsps.EngineError, match=message) as caught:
         run(wu2012, short(wu2012, 3))
     assert "\n" not in str(caught.value)
 

@@ -18,10 +18,12 @@ from compare.simulation.open_loop import open_loop
 from compare.simulation.plan import Plan
 from compare.simulation.recover import recover
 from compare.simulation.simulate import Request, simulate
+from sixsps.dynamics import State
 from sixsps.errors import EngineError, InputError, UnknownNameError
+from sixsps.kinematics import inverse_kinematics
 from sixsps.mechanism import Leg, Mechanism
 from sixsps.motion import Motion
-from sixsps.trajectories import PAPER_FORCE, bundled, home_position
+from sixsps.trajectories import PAPER_FORCE, bundled, home_position, quintic
 
 
 def engine(name, mechanism):
@@ -274,3 +276,60 @@ def test_multipliers_of_a_driven_run_are_the_forces(wu2012):
     assert done.facts["max_relative_force_difference"] < 1e-5
     assert 0 < done.facts["transient_s"] < 0.02
     assert done.facts["max_position_error_m"] < 1e-9
+
+
+class TestDrivenStops:
+    @pytest.fixture(autouse=True)
+    def _exudyn(self):
+        pytest.importorskip("exudyn")
+
+    def test_at_a_singular_pose_between_samples(self, wu2012):
+        home = home_position(wu2012)
+        motion = quintic(np.linspace(0, 0.5, 251), home, home, [0, 0, 2.0])
+        plan = Plan.of(wu2012, motion)
+        assert plan.cut is None
+        done = simulate(wu2012, motion, Request("exudyn"))
+        stop, path = done.outcome.stopped, done.outcome.trajectory
+        kept = len(path.planned)
+        assert not done.complete
+        assert done.facts["stopped"] == {"reason": stop.reason, "t": stop.t}
+        assert "singular" in stop.reason
+        assert path.planned.time[-1] < stop.t <= motion.time[kept]
+        assert done.facts["samples"] == len(path.state) == len(path.accelerations) == kept
+        trouble = Guard.of(plan).trouble
+        regular = [not trouble(State.of(motion[k : k + 1])) for k in range(len(motion))]
+        assert kept == pytest.approx(np.argmin(regular), abs=2)
+        assert all(regular[:kept])
+
+    def test_at_the_first_singular_sample_of_the_plan(self, wu2012):
+        motion = hover(wu2012, duration=0.05, samples=6)
+        position = np.array(motion.position)
+        position[4] = [0.01, 0.02, 0.0]
+        done = simulate(wu2012, replace(motion, position=position), Request("exudyn"))
+        assert "the planned pose is singular" in done.facts["stopped"]["reason"]
+        assert done.facts["stopped"]["t"] == motion.time[4]
+        assert done.facts["samples"] == 4
+
+    def test_where_a_leg_leaves_its_limits_between_samples(self, wu2012):
+        """The last sample is left upwards, and so it is come to from below."""
+        motion = hover(wu2012, duration=0.6, samples=4)
+        velocity = np.array(motion.velocity)
+        velocity[-1, 2] = 0.5
+        lengths = inverse_kinematics(wu2012, motion).lengths[0]
+        legs = tuple(
+            Leg(leg.lower, leg.upper, (length - 1e-3, length + 1e-3))
+            for leg, length in zip(wu2012.legs, lengths, strict=True)
+        )
+        done = simulate(replace(wu2012, legs=legs), replace(motion, velocity=velocity), Request("exudyn"))
+        assert "leaves its limits" in done.facts["stopped"]["reason"]
+        assert 0.4 < done.facts["stopped"]["t"] < 0.6
+        assert done.facts["samples"] == 3
+
+    def test_legs_beyond_the_limits_by_plan_are_told_and_simulated(self, wu2012):
+        legs = tuple(Leg(leg.lower, leg.upper, (0.45, 0.6)) for leg in wu2012.legs)
+        short = replace(wu2012, legs=legs)
+        motion = hover(short, duration=0.05, samples=11)
+        motion = replace(motion, position=motion.position + [0, 0, 0.2])
+        done = simulate(short, motion, Request("exudyn"))
+        assert done.complete
+        assert "beyond its limit of 0.6 m" in done.facts["notes"][0]

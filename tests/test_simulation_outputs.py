@@ -14,7 +14,7 @@ from compare.simulation.outputs import error_columns, motion_columns, summary, w
 from compare.simulation.simulate import Request, simulate
 from sixsps.formulations import inverse_dynamics
 from sixsps.motion import Motion
-from sixsps.trajectories import bundled
+from sixsps.trajectories import bundled, home_position, quintic
 
 KEYS = {
     "engine", "mode", "version", "settings", "max_acceleration_error", "max_position_error_m",
@@ -86,6 +86,24 @@ def test_a_plan_through_a_singularity_exits_with_1_and_keeps_what_it_has(wu2012,
     facts = json.loads((tmp_path / "out" / "simulation.json").read_text())
     assert facts["stopped"]["t"] == pytest.approx(1.2)
     assert pq.read_table(tmp_path / "out" / "trajectory.parquet").num_rows == 5
+
+
+def test_a_driven_run_that_gives_up_exits_with_1_and_keeps_what_it_has(wu2012, tmp_path):
+    pytest.importorskip("exudyn")
+    home = home_position(wu2012)
+    motion = quintic(np.linspace(0, 0.1, 101), home, home, [0, 0, 2.0])
+    motion.save(tmp_path / "turn.csv")
+    done = command("wu2012", tmp_path / "turn.csv", "--engine", "exudyn", "--output", tmp_path / "out")
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    facts = json.loads((tmp_path / "out" / "simulation.json").read_text())
+    stop = facts["stopped"]
+    assert f"sixsps: stopped at t = {stop['t']:g} s: {stop['reason']}" in done.stderr.splitlines()
+    assert f"stopped at t = {stop['t']:g} s, {facts['samples']} samples kept" in done.stdout.splitlines()
+    for name in ("trajectory", "errors"):
+        table = pq.read_table(tmp_path / "out" / f"{name}.parquet").to_pydict()
+        np.testing.assert_allclose(table["t"], motion.time[: facts["samples"]])
+        assert table["t"][-1] <= stop["t"] < 0.1
 
 
 def vars_of(motion):

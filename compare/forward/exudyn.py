@@ -50,13 +50,15 @@ _THINNEST = 1e-5
 _PROGRESS_STEPS = 200
 # What Exudyn says when it calls this file and the user interrupts.
 _INTERRUPTIONS = ("KeyboardInterrupt", "with an exception set")
+_NO_CONVERGENCE = "the integrator gave up: Newton's method does not converge; the pose may be singular"
 _Call = Callable[[Any, float], bool]
+_Trouble = Callable[[State], str]
 _BODY = 7
 
 
 @dataclass(frozen=True, eq=False)
 class DrivenRun:
-    """What a motion-driven run gives, at the samples of the motion.
+    """What a motion-driven run gives, at the n >= 2 samples of the motion that it reached.
 
     Attributes:
         time: (n,) [s].
@@ -68,8 +70,10 @@ class DrivenRun:
             was started [s].
         step: of the integrator [s].
         error_estimate: the integrator's error in the forces after the transient, about 11/12 of their
-            largest second difference between steps; jumps of the wrench add to it [N].
+            largest second difference between steps; jumps of the wrench add to it; NaN without any [N].
         state: (n) simulated states of the platform.
+        end: the motion's last sample, or the step that stopped the run [s].
+        stopped: why the run stopped there; empty where it is complete.
     """
 
     time: Array
@@ -81,6 +85,8 @@ class DrivenRun:
     step: float
     error_estimate: float
     state: State
+    end: float
+    stopped: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,17 +106,19 @@ class Driving:
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """What the bodies did at every step.
+    """What the bodies did at every step that they reached.
 
     Attributes:
         forces: (m, 6) multipliers of the driven lengths, positive in extension [N].
         q: (m, 91) coordinates.
         v: (m, 7) velocities of the platform's coordinates.
+        stopped: why there is no further step; empty where it is the last.
     """
 
     forces: Array
     q: Array
     v: Array
+    stopped: str = ""
 
 
 class DrivenBodies(Bodies):
@@ -123,6 +131,7 @@ class DrivenBodies(Bodies):
 
     def __init__(self, mechanism: Mechanism) -> None:
         super().__init__(mechanism)
+        self._com = mechanism.platform.com
         self.joined = np.concatenate([self.balls.ravel(), self.slides[:, :2].ravel()])
 
     def start(self, mechanism: Mechanism, motion: Motion) -> Log:
@@ -141,51 +150,54 @@ class DrivenBodies(Bodies):
         self._data.SetODE2Coordinates_tt(a[0], initial)
         return Log(forces[None], q, v[:, :_BODY])
 
-    def run(self, driving: Driving, start: Log, done: Callable[[float], None]) -> Log:
-        """Integrates over all steps.
+    def run(self, driving: Driving, start: Log, done: Callable[[float], None], trouble: _Trouble) -> Log:
+        """Integrates over all steps, or up to the one that fails.
 
         Args:
             driving: lengths and wrench at m steps.
             start: the first of them.
             done: called with the time that is reached [s].
-
-        Raises:
-            EngineError: Exudyn's solver did not get to the end.
+            trouble: says why to stop at a state of the platform, n = 1; empty to go on.
         """
         m, step = len(driving.time), float(driving.time[1])
-        log = Log(*(np.repeat(row, m, axis=0) for row in (start.forces, start.q, start.v)))
-        reached = 0
+        forces, q, v = (np.repeat(row, m, axis=0) for row in (start.forces, start.q, start.v))
+        log = Log(forces, q, v)
+        reached, stopped = 0, ""
 
         def before(_: Any, time: float) -> bool:
             self._drive(driving, round(time / step))
             return True
 
         def after(_: Any, time: float) -> bool:
-            nonlocal reached
-            reached = round(time / step)
-            if reached > 0:  # before the first step no multipliers have been computed
-                self._note(log, reached)
+            nonlocal reached, stopped
+            k = round(time / step)
+            if k > 0:  # before the first step no multipliers have been computed
+                self._note(log, k)
+                stopped = trouble(_platform(self._com, q[k : k + 1, :_BODY], v[k : k + 1]))
+            if stopped:
+                return False
+            reached = k
             if reached % _PROGRESS_STEPS == 0:
                 done(time)
             return True
 
-        settings = _settings(driving.time, size=float(np.abs(start.q).max()))
-        if not self._integrated(settings, before, after):
-            reason = "Newton's method does not converge; the pose may be singular"
-            late = (reached + 1) * step
-            raise EngineError(f"exudyn's integrator gives up {late:.6g} s after the start: {reason}")
-        return log
+        failure = self._integrated(_settings(driving.time, np.abs(start.q).max()), before, after)
+        m = reached + 1
+        return Log(forces[:m], q[:m], v[:m], stopped or failure)
 
-    def _integrated(self, settings: Any, before: _Call, after: _Call) -> bool:
-        """Runs Exudyn's solver; returns whether it got to the end."""
+    def _integrated(self, settings: Any, before: _Call, after: _Call) -> str:
+        """Runs Exudyn's solver; returns why it did not get to the end, if it was not told to stop."""
         solver: Any = exu.MainSolverImplicitSecondOrder()
         self._system.SetPreStepUserFunction(before)
         self._system.SetPostStepUserFunction(after)
-        arrived: bool = solver.SolveSystem(self._system, settings)
-        # Exudyn would keep the bodies alive through them.
-        self._system.SetPreStepUserFunction(0)
-        self._system.SetPostStepUserFunction(0)
-        return arrived
+        try:
+            return "" if solver.SolveSystem(self._system, settings) else _NO_CONVERGENCE
+        except exu.ExudynError as error:
+            return _failure(error)
+        finally:
+            # Exudyn would keep the bodies alive through them.
+            self._system.SetPreStepUserFunction(0)
+            self._system.SetPostStepUserFunction(0)
 
     def _drive(self, driving: Driving, k: int) -> None:
         for drive, length in zip(self._drives, driving.lengths[k], strict=True):
@@ -220,34 +232,34 @@ class Exudyn:
         """Returns the version of Exudyn."""
         return InverseDynamics.version()
 
-    def driven(self, motion: Motion, progress: Progress, *, step: float = STEP) -> DrivenRun:
-        """Returns the run along a motion.
+    def driven(
+        self, motion: Motion, progress: Progress, *, step: float = STEP, trouble: _Trouble = lambda _: ""
+    ) -> DrivenRun:
+        """Returns the run along a motion, up to where it has to stop.
 
         Args:
             motion: n >= 2 samples of a smooth motion.
             progress: called now and then with the number of samples that are done.
             step: largest step of the integrator [s]; it takes equal ones, 100 at least.
+            trouble: says why to stop at a state of the platform, n = 1; empty to go on.
 
         Raises:
-            EngineError: Exudyn's solver did not get to the end of the motion.
+            EngineError: the run stopped before the second sample, or did not start.
         """
         if len(motion) < 2:
             raise EngineError(f"a driven run needs at least two samples, this motion has {len(motion)}")
-        duration = float(motion.time[-1] - motion.time[0])
+        at = motion.time - motion.time[0]
         # Rounding in the quotient shall not add a step: steps would no longer fall on the samples.
-        steps = max(math.ceil(duration / step * (1 - 1e-9)), _FEWEST_STEPS)
-        driving = drive(self._mechanism, motion, np.linspace(0.0, duration, steps + 1))
+        steps = max(math.ceil(at[-1] / step * (1 - 1e-9)), _FEWEST_STEPS)
+        driving = drive(self._mechanism, motion, np.linspace(0.0, at[-1], steps + 1))
         try:
             bodies = self._new_bodies()
             start = bodies.start(self._mechanism, motion)
-            at = motion.time - motion.time[0]
-            log = bodies.run(driving, start, lambda reached: progress(int(np.searchsorted(at, reached))))
         except exu.ExudynError as error:
-            if any(sign in str(error) for sign in _INTERRUPTIONS):
-                raise KeyboardInterrupt from error
-            raise EngineError(f"exudyn fails on the motion: {one_line(error)}") from error
+            raise EngineError(_failure(error)) from error
+        log = bodies.run(driving, start, lambda time: progress(int(np.searchsorted(at, time))), trouble)
         run = self._read(motion, driving.time, log)
-        progress(len(motion))
+        progress(len(run.time))
         return run
 
     def _new_bodies(self) -> DrivenBodies:
@@ -256,13 +268,21 @@ class Exudyn:
         except exu.ExudynError as error:
             raise EngineError(f"exudyn does not accept the mechanism: {one_line(error)}") from error
 
-    def _read(self, motion: Motion, time: Array, log: Log) -> DrivenRun:
-        at = motion.time - motion.time[0]
+    def _read(self, given: Motion, steps: Array, log: Log) -> DrivenRun:
+        """Returns what the log (m) says of a motion, `steps` being the times that m were to be of."""
+        time, step = steps[: len(log.q)], float(steps[1])
+        since = given.time - given.time[0]
+        # A step falls on a sample but for rounding.
+        kept = int(np.count_nonzero(since <= time[-1] + 1e-6 * step))
+        motion, at = given[:kept], since[:kept]
+        if kept < 2:
+            end = given.time[0] + len(time) * step
+            raise EngineError(f"{log.stopped}, at t = {end:g} s already, before the second sample")
         columns = np.hstack([log.forces, log.q[:, :_BODY], log.v])
         read = CubicSpline(time, columns)(np.clip(at, 0.0, time[-1]))
         forces, q, v = np.split(read, [6, 6 + _BODY], axis=1)
-        state = _platform(self._mechanism, q, v)
-        nearest = np.rint(at / time[1]).astype(int)
+        state = _platform(self._mechanism.platform.com, q, v)
+        nearest = np.minimum(np.rint(at / step).astype(int), len(time) - 1)
         gaps = [np.abs(self._bodies.gaps(q)[self._bodies.joined]).max() for q in log.q[nearest]]
         return DrivenRun(
             time=motion.time,
@@ -270,12 +290,26 @@ class Exudyn:
             position_error=np.linalg.norm(state.position - motion.position, axis=1),
             orientation_error=_angles(state.quaternion, motion.quaternion),
             closure_error=np.array(gaps),
-            transient=_TRANSIENT_STEPS * float(time[1]),
-            step=float(time[1]),
-            error_estimate=_TRUNCATION
-            * float(np.abs(np.diff(log.forces[_TRANSIENT_STEPS:], 2, axis=0)).max()),
+            transient=_TRANSIENT_STEPS * step,
+            step=step,
+            error_estimate=_error_estimate(log.forces),
             state=state,
+            end=float(given.time[0] + len(time) * step if log.stopped else given.time[-1]),
+            stopped=log.stopped,
         )
+
+
+def _failure(error: Exception) -> str:
+    """Returns what Exudyn says in one line; an interruption by the user goes on as such."""
+    if any(sign in str(error) for sign in _INTERRUPTIONS):
+        raise KeyboardInterrupt from error
+    return f"exudyn fails on the motion: {one_line(error)}"
+
+
+def _error_estimate(forces: Array) -> float:
+    """Returns the integrator's error in forces (m, 6) at every step; NaN for too few of them."""
+    bends = np.abs(np.diff(forces[_TRANSIENT_STEPS:], 2, axis=0))
+    return _TRUNCATION * float(bends.max()) if len(bends) else math.nan
 
 
 def _turnable(link: Link) -> Link:
@@ -328,12 +362,12 @@ def _lengths(mechanism: Mechanism, motion: Motion) -> tuple[Array, Array, Array]
     return length, rate, (np.sum(S * ddS + dS**2, axis=-1) - rate**2) / length
 
 
-def _platform(mechanism: Mechanism, q: Array, v: Array) -> State:
-    """Returns the platform's states from its coordinates (n, 7) and their rates."""
+def _platform(com: Array, q: Array, v: Array) -> State:
+    """Returns the platform's states from its centre of mass (3,), coordinates and rates (n, 7)."""
     e, de = q[:, 3:], v[:, 3:]
     # [0, omega] = 2 e' e* as quaternions.
     omega = 2 * (e[:, :1] * de[:, 1:] - de[:, :1] * e[:, 1:] - np.cross(de[:, 1:], e[:, 1:]))
-    lever = Rotation.from_quat(e, scalar_first=True).as_matrix() @ mechanism.platform.com
+    lever = Rotation.from_quat(e, scalar_first=True).as_matrix() @ com
     return State(q[:, :3] - lever, e, v[:, :3] - np.cross(omega, lever), omega)
 
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from compare.simulation.guard import Guard
 from compare.simulation.outcome import Outcome
-from compare.simulation.plan import Plan, spline
+from compare.simulation.plan import Plan, Stop, spline
 from compare.simulation.trajectory import Trajectory
 
 
@@ -21,20 +22,21 @@ def driven(engine: Any, plan: Plan, progress: Callable[[int], None]) -> Outcome:
         progress: called with the number of samples done so far.
 
     Raises:
-        EngineError: Exudyn does not get to the end of the motion.
+        EngineError: Exudyn does not get to the second sample.
     """
-    run = engine.driven(plan.motion, progress)
+    run = engine.driven(plan.motion, progress, trouble=Guard.of(plan).trouble)
+    planned, forces = plan.motion[: len(run.time)], plan.forces[: len(run.time)]
     # Its integrator has positions only; its velocities are smooth enough to be differentiated.
     twist = np.hstack([run.state.velocity, run.state.angular_velocity])
-    accelerations = spline(plan.motion.time, twist).derivative()(plan.motion.time)
-    trajectory = Trajectory(plan.motion, run.state, accelerations, run.forces, run.closure_error)
-    later = plan.motion.time > plan.motion.time[0] + run.transient
-    difference = np.abs(run.forces - plan.forces)[later]
-    largest = float(np.abs(plan.forces).max())
+    accelerations = spline(planned.time, twist).derivative()(planned.time)
+    trajectory = Trajectory(planned, run.state, accelerations, run.forces, run.closure_error)
+    later = planned.time > planned.time[0] + run.transient
+    difference = np.abs(run.forces - forces)[later]
+    largest = float(np.abs(forces).max())
     notes = () if later.any() else ("no sample lies after the start-up transient",)
     return Outcome(
         trajectory,
-        stopped=plan.cut,
+        stopped=Stop(run.stopped, run.end) if run.stopped else plan.cut,
         settings={
             "time_step_s": run.step,
             "accelerations": "derivative of the spline through the velocities",
