@@ -40,6 +40,7 @@ app = typer.Typer(
 )
 
 
+_INTERRUPTED = 130
 # What typer raises for a command line that it cannot parse; its class has no public name.
 _UsageError: Any = typer.BadParameter.__base__
 
@@ -285,7 +286,7 @@ def _value_at_fault(error: Exception) -> str:
 
 def _status(command: Callable[[], Any]) -> int:
     try:
-        return int(command() or 0)
+        return _interrupted_or(int(command() or 0))
     except InputError as error:
         _warn([str(error)])
         return 2
@@ -297,10 +298,16 @@ def _status(command: Callable[[], Any]) -> int:
         _warn([f"{message}; see --help"])
         return 2
     except typer.Exit as stop:
-        return int(stop.exit_code)
+        return _interrupted_or(int(stop.exit_code))
     except OSError as error:  # a full disk, or a standard output that is full or closed
         _warn([printable(str(error))])
         return 1
     except (typer.Abort, KeyboardInterrupt):
+        return _interrupted_or(_INTERRUPTED)
+
+
+def _interrupted_or(status: int) -> int:
+    """Returns an exit status; that of an interruption, which typer gives without a word, is told."""
+    if status == _INTERRUPTED:
         _warn(["interrupted; nothing was left half-written"])
-        return 130
+    return status

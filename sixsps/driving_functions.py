@@ -258,6 +258,12 @@ def _forces(mechanism: Mechanism, motion: Motion) -> Array:
         condition = inverse_kinematics(mechanism, motion[index : index + 1]).condition[0]
         place = f"sample {index + 1} at t = {motion.time[index]:g} s"
         raise MotionError(place, f"cond(J) = {condition:.3g}", "a pose that is not singular")
+    sides = np.linalg.slogdet(inverse_kinematics(mechanism, motion).jacobian)[0]
+    across = np.flatnonzero(sides[1:] != sides[:-1])
+    if len(across):
+        first, last = motion.time[across[0]], motion.time[across[0] + 1]
+        place = f"between t = {first:g} s and {last:g} s"
+        raise MotionError(place, "a singular pose, where forces have no bound", "poses that are not singular")
     return forces
 
 

@@ -297,3 +297,22 @@ class TestCommand:
         assert done.returncode == 2
         assert "an input of this command" in done.stderr
         assert (tmp_path / "path.csv").read_bytes() == before
+
+
+def test_a_singular_pose_between_two_samples_is_refused(wu2012):
+    """Turned by a right angle about z the hexapod is singular; no sample need lie there."""
+    from scipy.spatial.transform import Rotation
+
+    time = np.linspace(0, 1, 30)
+    zero = np.zeros((30, 3))
+    motion = sixsps.Motion(
+        time=time,
+        position=np.tile([0.0, 0.0, 0.5], (30, 1)),
+        quaternion=Rotation.from_rotvec(np.outer(2.2 * time, [0, 0, 1])).as_quat(scalar_first=True),
+        velocity=zero,
+        angular_velocity=np.tile([0, 0, 2.2], (30, 1)),
+        acceleration=zero,
+        angular_acceleration=zero,
+    )
+    with pytest.raises(sixsps.MotionError, match=r"between t = 0\.\d+ s and 0\.\d+ s: a singular pose"):
+        driving_functions(wu2012, motion, "akima")

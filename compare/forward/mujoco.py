@@ -72,7 +72,7 @@ class Mujoco:
         self._check_drift()
 
     def _check_drift(self) -> None:
-        """Raises EngineError where a_ref lacks J' v: MuJoCo 4 has it, the formula of its manual has not."""
+        """Raises EngineError where a_ref lacks J' v, which MuJoCo has since 3.7 and its manual has not."""
         tree = self.tree
         home, still = self._origin + tree.model.body_pos[tree.platform], np.zeros((1, 3))
         self.initial(State(home[None], np.eye(1, 4), still, np.ones((1, 3))))
