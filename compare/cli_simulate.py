@@ -32,7 +32,10 @@ def simulate(
         ),
     ] = "closed-form",
     output: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder for simulation.json and trajectory.parquet.")
+        Path,
+        typer.Option(
+            metavar="DIR", help="Folder for simulation.json, trajectory.parquet and errors.parquet."
+        ),
     ] = Path("simulation"),
     mode: Annotated[
         Mode | None,
@@ -92,9 +95,9 @@ def simulate(
     if not done.complete:
         stop = done.facts["stopped"]
         typer.echo(f"sixsps: stopped at t = {stop['t']:g} s: {stop['reason']}", err=True)
-    if figures:
+    if figures and done.facts["samples"] > 1:
         from compare.simulation.figures import write_figures
 
         write_figures(done.outcome.trajectory, hexapod, folder)
     typer.echo(f"written: {folder}")
-    raise typer.Exit(0 if done.complete else 1)
+    raise typer.Exit(0 if done.complete and done.accurate else 1)

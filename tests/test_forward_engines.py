@@ -550,9 +550,36 @@ class TestMujoco:
         monkeypatch.chdir(tmp_path)
         engine = make(wu2012)
         y = engine.initial(state(bundled("line", wu2012, 3)))
-        with pytest.raises(sixsps.EngineError, match=r"^MuJoCo's steps diverged between 0 and 0\.01 s$"):
+        with pytest.raises(sixsps.EngineError, match=r"^MuJoCo's steps diverged at t = 0\.00\d+ s$"):
             engine.run(y, [0, 0.01, 0.02], partial(pushing, 1e30))
         assert list(tmp_path.iterdir()) == []
+
+    def test_a_quaternion_without_length_is_divergence(self, make, wu2012):
+        """MuJoCo's steps leave one where a body turns too fast for its numbers."""
+        import mujoco
+
+        engine = make(wu2012)
+        data = mujoco.MjData(engine.tree.model)
+        assert len(engine._checked(data)) == 67
+        data.qpos[engine._quaternions[-1]] = 0.0
+        with pytest.raises(sixsps.EngineError, match=r"^MuJoCo's steps diverged at t = 0 s$"):
+            engine._checked(data)
+
+    def test_run_is_watched_and_ends_where_told(self, make, wu2012):
+        engine = make(wu2012)
+        y = engine.initial(state(bundled("line", wu2012, 3)))
+        seen = []
+
+        def watch(t, y):
+            seen.append(t)
+            assert y.shape == (67,)
+            return t < 0.0145
+
+        states = engine.run(y, [0, 0.0051, 0.01, 0.02, 0.03], partial(pushing, 1.0), watch)
+        assert len(states) == 3
+        assert {0.0051, 0.01} <= set(seen)
+        assert max(seen) == seen[-1] == pytest.approx(0.015)
+        assert np.diff(seen).max() <= 1.001e-3
 
     def test_times_need_not_be_multiples_of_the_step(self, make, wu2012):
         engine = make(wu2012)

@@ -37,7 +37,8 @@ def followed(wu2012):
 def test_recover_from_the_command_line(wu2012, tmp_path):
     done = command("wu2012", "line", "--samples", 21, "--output", tmp_path / "out")
     assert (done.returncode, done.stderr) == (0, "")
-    assert max(map(len, done.stdout.splitlines())) <= 80
+    shown = [line for line in done.stdout.splitlines() if not line.startswith("written: ")]
+    assert max(map(len, shown)) <= 80
     assert "acceleration error" in done.stdout
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "errors.parquet", "simulation.json", "trajectory.parquet",
@@ -104,6 +105,26 @@ def test_a_driven_run_that_gives_up_exits_with_1_and_keeps_what_it_has(wu2012, t
         table = pq.read_table(tmp_path / "out" / f"{name}.parquet").to_pydict()
         np.testing.assert_allclose(table["t"], motion.time[: facts["samples"]])
         assert table["t"][-1] <= stop["t"] < 0.1
+
+
+def test_a_driven_run_that_is_inaccurate_exits_with_1(wu2012, tmp_path):
+    pytest.importorskip("exudyn")
+    noise = np.random.default_rng(1).normal(scale=1e-4, size=(21, 3))
+    Motion.from_poses(np.linspace(0, 0.1, 21), home_position(wu2012) + noise).save(tmp_path / "rough.csv")
+    done = command("wu2012", tmp_path / "rough.csv", "--engine", "exudyn", "--output", tmp_path / "out")
+    assert done.returncode == 1
+    assert "sixsps: multipliers differ by" in done.stderr
+    assert "integrator's estimate" in done.stdout
+
+
+def test_open_loop_between_two_samples(tmp_path):
+    given = ("wu2012", "line", "--samples", 2, "--mode", "open-loop", "--output", tmp_path / "out")
+    done = command(*given)
+    assert done.returncode == 0
+    assert "samples were put between" in done.stderr
+    facts = json.loads((tmp_path / "out" / "simulation.json").read_text())
+    assert facts["samples"] > 2
+    assert max(map(len, done.stdout.splitlines()[:-1])) <= 80
 
 
 def vars_of(motion):

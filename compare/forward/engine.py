@@ -15,6 +15,9 @@ from sixsps.rotation import quaternion_rates
 
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
+Watch = Callable[[float, Array], bool]
+"""Time [s] and state vector to whether a run may go on."""
+
 ForcesAt = Callable[[float, Array], tuple[Array, Array, Array]]
 """Time [s] and state vector to leg forces (6,) [N], external force (3,) [N] and moment (3,) [N m]."""
 
@@ -71,20 +74,27 @@ class ForwardEngine(Protocol):
         ...
 
 
+def unwatched(_t: float, _y: Array) -> bool:
+    """Lets a run go on."""
+    return True
+
+
 class SteppingEngine(ForwardEngine, Protocol):
     """An engine whose library integrates better than a general integrator could: `steps_itself` is true."""
 
-    def run(self, y: Array, time_points: Array, forces_at: ForcesAt) -> Array:
-        """Returns the state vectors (k, m) at k times [s], the first of them `y`.
+    def run(self, y: Array, time_points: Array, forces_at: ForcesAt, watch: Watch = unwatched) -> Array:
+        """Returns the state vectors (k, m) at k times [s], the first of them `y`; fewer if told to stop.
 
         Args:
             y: (m,) state vector at the first time.
             time_points: (k,) strictly increasing [s].
             forces_at: what pushes; asked at times and states of the library's choice. What it
                 raises ends the run.
+            watch: asked at every one of the times but the first, and every few steps between; ends
+                the run where it does not return True.
 
         Raises:
-            EngineError: the library did not get to the end.
+            EngineError: the library did not get to the end, or the state is no number any more.
         """
         ...
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.linalg import LinAlgError
 
 from compare.engines.mujoco import Tree, platform_rates, quiet
-from compare.forward.engine import ForcesAt, ball_rates, unaccelerated
+from compare.forward.engine import ForcesAt, Watch, ball_rates, unaccelerated, unwatched
 from sixsps.arrays import Array
 from sixsps.dynamics import State
 from sixsps.errors import EngineError
@@ -30,6 +30,7 @@ from sixsps.legs import Legs
 from sixsps.mechanism import Mechanism
 
 TIME_STEP = 2e-4
+_WATCHED_STEPS = 5
 _GAP_TIME = 2e-3
 _IMPEDANCE = 0.9999
 # At 1e-10 the constraints outweigh the inertia by what float64 can hold, and errors are 1e-4 m/s^2. The
@@ -136,16 +137,17 @@ class Mujoco:
         mujoco.mj_kinematics(self.tree.model, self.tree.data)
         return self.tree.closure_error()
 
-    def run(self, y: Array, time_points: Array, forces_at: ForcesAt) -> Array:
-        """Returns the state vectors (k, m) at k times, by MuJoCo's own Runge-Kutta steps.
+    def run(self, y: Array, time_points: Array, forces_at: ForcesAt, watch: Watch = unwatched) -> Array:
+        """Returns the states (k, m) at k times, by MuJoCo's own Runge-Kutta steps; see `SteppingEngine`.
 
         Args:
             y: (m,) state vector at the first time.
             time_points: (k,) increasing [s]; between two of them steps are equal, and at most `TIME_STEP`.
             forces_at: asked at each of the four stages of a step.
+            watch: asked every five steps, and at the times.
 
         Raises:
-            EngineError: the state is no number any more.
+            EngineError: the state is no number any more, or a quaternion has no length.
         """
         model = self.tree.model
         data = mujoco.MjData(model)  # of its own: `forces_at` may ask this engine for accelerations
@@ -156,14 +158,28 @@ class Mujoco:
                 # Rounding must not add a step to a time that is a whole number of them.
                 steps = max(1, ceil((end - start) / TIME_STEP * (1 - 1e-9)))
                 data.time, model.opt.timestep = start, (end - start) / steps
-                for _ in range(steps):
+                for k in range(1, steps + 1):
                     mujoco.mj_step(model, data)
                     if failures:
                         raise failures[0]
-                states.append(np.concatenate([data.qpos, data.qvel]))
-                if not np.isfinite(states[-1]).all():
-                    raise EngineError(f"MuJoCo's steps diverged between {start:g} and {end:g} s")
+                    now = self._checked(data)
+                    if k == steps:
+                        states.append(now)
+                    t = end if k == steps else data.time
+                    if (k == steps or k % _WATCHED_STEPS == 0) and not watch(float(t), now):
+                        return np.array(states)
         return np.array(states)
+
+    def _checked(self, data: mujoco.MjData) -> Array:
+        """Returns the state vector of data.
+
+        Raises:
+            EngineError: it is none any more.
+        """
+        y = np.concatenate([data.qpos, data.qvel])
+        if not np.isfinite(y).all() or not np.linalg.norm(y[self._quaternions], axis=1).all():
+            raise EngineError(f"MuJoCo's steps diverged at t = {data.time:g} s")
+        return y
 
     def _set(self, data: mujoco.MjData, y: Array) -> None:
         data.qpos[:], data.qvel[:] = np.split(y, [self.tree.model.nq])
@@ -220,7 +236,7 @@ class Mujoco:
                 return
             asking = True
             try:
-                self._push(data, *forces_at(data.time, np.concatenate([data.qpos, data.qvel])))
+                self._push(data, *forces_at(data.time, self._checked(data)))
             except BaseException as error:
                 failures.append(error)
             asking = False

@@ -12,6 +12,9 @@ from compare.simulation.outcome import Outcome
 from compare.simulation.plan import Plan, Stop, spline
 from compare.simulation.trajectory import Trajectory
 
+# Of the largest force: more than what its steps leave of a smooth motion.
+TOLERANCE = 1e-5
+
 
 def driven(engine: Any, plan: Plan, progress: Callable[[int], None]) -> Outcome:
     """Returns the motion of bodies that are driven by the planned leg lengths.
@@ -33,6 +36,7 @@ def driven(engine: Any, plan: Plan, progress: Callable[[int], None]) -> Outcome:
     later = planned.time > planned.time[0] + run.transient
     difference = np.abs(run.forces - forces)[later]
     largest = float(np.abs(forces).max())
+    off = float(difference.max()) if later.any() else None
     notes = () if later.any() else ("no sample lies after the start-up transient",)
     return Outcome(
         trajectory,
@@ -42,10 +46,24 @@ def driven(engine: Any, plan: Plan, progress: Callable[[int], None]) -> Outcome:
             "accelerations": "derivative of the spline through the velocities",
         },
         more={
-            "max_force_difference_N": float(difference.max()) if later.any() else None,
-            "max_relative_force_difference": float(difference.max()) / largest if later.any() else None,
+            "max_force_difference_N": off,
+            "max_relative_force_difference": None if off is None else off / largest,
+            "within_tolerance": None if off is None else off <= TOLERANCE * largest,
             "force_error_estimate_N": run.error_estimate,
             "transient_s": run.transient,
         },
         notes=notes,
+        inaccurate=_inaccurate(off, largest, run.error_estimate) if off is not None else "",
+    )
+
+
+def _inaccurate(off: float, largest: float, estimate: float) -> str:
+    """Returns what is to be said of multipliers that are `off` [N]; nothing within the tolerance."""
+    if off <= TOLERANCE * largest:
+        return ""
+    explained = "which explains it: " if estimate >= off else "which does not explain all of it: "
+    return (
+        f"multipliers differ by {off / largest:.2g} of the largest force, more than {TOLERANCE:g}; the "
+        f"integrator's own estimate of its error is {estimate:.2g} N, {explained}the motion is too fast for "
+        f"its step, or its poses are not smooth enough"
     )

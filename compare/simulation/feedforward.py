@@ -24,11 +24,15 @@ from compare.simulation.trajectory import trajectory
 from sixsps.arrays import Array
 from sixsps.dynamics import State, mass_matrix
 from sixsps.errors import InputError
+from sixsps.singularity import condition_numbers
 
 FORCE_STEP = 0.005
 # Natural frequency of the platform's slowest mode on the PD, at least [rad/s], and over the rate at which
 # the platform would fall without.
 _FREQUENCY, _OVER_GROWTH = 2 * np.pi * 5, 2.0
+# Near a singularity the legs see masses without bound, which no gains hold: poses of larger condition
+# number do not count, and the lightest mode turns by this angle [rad] in `FORCE_STEP`, at most.
+_SOFT_CONDITION, _MOST_TURN = 1e6, 10.0
 # At a stage of a step a pose is off by the order of step^2, and the PD answers to that: tolerances near
 # rounding would only make the steps short.
 _RTOL, _ATOL = 1e-12, 1e-8
@@ -48,26 +52,37 @@ class Gains:
         That mass, J^-T M J^-1 in coordinates of leg length, has six eigenvalues at every pose. On the
         stiffness the heaviest would swing at twice the rate at which the platform falls without, at
         5 Hz at least; with the damping the lightest is critically damped, and more would only make the
-        run stiff.
+        run stiff. Poses close to a singularity are left out, and the lightest would swing at 2000 rad/s
+        at most.
 
         Args:
             plan: motion.
             stiffness: [N/m].
             damping: [N s/m].
         """
-        linear = Linearisation.along(plan)
-        masses = _masses(plan)
-        frequencies = np.maximum(_OVER_GROWTH * linear.growth_rates, _FREQUENCY)
-        k = float((frequencies**2 * masses[:, -1]).max()) if stiffness is None else stiffness
-        return cls(k, 2 * float(np.sqrt(k * masses.min())) if damping is None else damping)
+        masses, conditions = _masses(plan)
+        held = conditions <= max(_SOFT_CONDITION, conditions.min())
+        lightest = float(masses[held].min())
+        if stiffness is None:
+            growth = Linearisation.along(plan).growth_rates[held]
+            frequencies = np.maximum(_OVER_GROWTH * growth, _FREQUENCY)
+            wanted = float((frequencies**2 * masses[held, -1]).max())
+            stiffness = min(wanted, lightest * (_MOST_TURN / FORCE_STEP) ** 2)
+        return cls(stiffness, 2 * float(np.sqrt(stiffness * lightest)) if damping is None else damping)
 
 
-def _masses(plan: Plan) -> Array:
-    """Returns (k, 6) eigenvalues of the mass that the legs see, where the motion is linearised [kg]."""
-    motion = plan.motion[spread(len(plan.motion))]
-    matrix = mass_matrix(plan.mechanism, motion.position, motion.rotation)
-    to_twist = np.linalg.inv(leg_states(plan.mechanism, State.of(motion)).jacobian)
-    return np.linalg.eigvalsh(np.swapaxes(to_twist, 1, 2) @ matrix @ to_twist)
+def _masses(plan: Plan) -> tuple[Array, Array]:
+    """Returns where the motion is linearised the masses that the legs see, and the condition numbers.
+
+    Returns:
+        (k, 6) eigenvalues, rising [kg], and (k,) of the Jacobian.
+    """
+    motion, mechanism = plan.motion[spread(len(plan.motion))], plan.mechanism
+    matrix = mass_matrix(mechanism, motion.position, motion.rotation)
+    legs = leg_states(mechanism, State.of(motion))
+    to_twist = np.linalg.inv(legs.jacobian)
+    masses = np.linalg.eigvalsh(np.swapaxes(to_twist, 1, 2) @ matrix @ to_twist)
+    return masses, condition_numbers(legs.jacobian, legs.lengths, mechanism.characteristic_length)
 
 
 def feedforward(

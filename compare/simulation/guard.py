@@ -9,45 +9,32 @@ import numpy as np
 
 from compare.simulation.legs import leg_states
 from compare.simulation.plan import Plan, Stop
-from sixsps.arrays import Array
 from sixsps.dynamics import State
 from sixsps.mechanism import Mechanism
 from sixsps.singularity import SINGULAR_CONDITION, condition_numbers
 
-# Of the stroke: how far a simulated leg may leave the range of a plan that goes to a limit or beyond.
-_SLACK = 1e-3
+# Of a limit: what rounding may take a leg beyond it.
+_SLACK = 1e-9
 _BISECTIONS = 40
 
 
 @dataclass(frozen=True, eq=False)
 class Guard:
-    """Bounds of a simulation.
-
-    A plan may take legs beyond the limits of the mechanism, which is flagged and no reason to stop:
-    the simulation stops where it leaves both the limits and the range of its plan.
+    """Bounds of a simulation: the leg lengths that the mechanism allows, and the side of singularities.
 
     Attributes:
         mechanism: what moves.
-        shortest: (6,) leg lengths [m].
-        longest: (6,) leg lengths [m].
         side: sign of det J, which changes in a singularity.
     """
 
     mechanism: Mechanism
-    shortest: Array
-    longest: Array
     side: float
 
     @classmethod
     def of(cls, plan: Plan) -> Guard:
         """Returns the bounds for simulations of a plan."""
-        legs = leg_states(plan.mechanism, plan.states)
-        limits = plan.mechanism.length_limits
-        slack = _SLACK * np.diff(limits, axis=1)[:, 0]
-        shortest = np.minimum(limits[:, 0], legs.lengths.min(axis=0) - slack)
-        longest = np.maximum(limits[:, 1], legs.lengths.max(axis=0) + slack)
-        side = float(np.sign(np.linalg.det(legs.jacobian[0])))
-        return cls(plan.mechanism, shortest, longest, side)
+        jacobian = leg_states(plan.mechanism, plan.start).jacobian[0]
+        return cls(plan.mechanism, float(np.sign(np.linalg.det(jacobian))))
 
     def trouble(self, state: State) -> str:
         """Returns why a simulation has to stop at a state, n = 1; empty where it may go on."""
@@ -55,11 +42,12 @@ class Guard:
         lengths, size = legs.lengths[0], self.mechanism.characteristic_length
         if not np.isfinite(lengths).all():
             return "the state is no number any more"
-        outside = (lengths < self.shortest) | (lengths > self.longest)
+        shortest, longest = self.mechanism.length_limits.T
+        outside = (lengths < shortest * (1 - _SLACK)) | (lengths > longest * (1 + _SLACK))
         if outside.any():
             leg = int(np.argmax(outside))
-            allowed = f"{self.shortest[leg]:.6g} to {self.longest[leg]:.6g} m"
-            return f"leg {leg + 1} leaves its limits: {lengths[leg]:.6g} m; allowed: {allowed}"
+            allowed = f"{shortest[leg]:.6g} to {longest[leg]:.6g} m"
+            return f"leg {leg + 1} leaves its limits: {lengths[leg]:.10g} m, allowed {allowed}"
         condition = float(condition_numbers(legs.jacobian, legs.lengths, size)[0])
         if condition > SINGULAR_CONDITION or np.sign(np.linalg.det(legs.jacobian[0])) != self.side:
             return "the pose becomes singular"

@@ -16,12 +16,16 @@ from compare.forward.engine import ForcesAt, ForwardEngine
 from compare.simulation.guard import Guard
 from compare.simulation.plan import Stop
 from sixsps.arrays import Array
-from sixsps.errors import SixspsError
+from sixsps.errors import InputError, SixspsError
 
-# A run that needs more has gains or forces that no explicit method gets through.
-_MOST_STEPS = 100_000
-# Samples that an engine with steps of its own does between two looks at the bounds.
-_BLOCK = 50
+# The slowest engine takes 20 ms for a step: a run is given up after 40 s that brought it next to no
+# further. Its gains or forces are none that an explicit method gets through.
+_TRIED_STEPS = 2000
+# What those have to be long on average [s], or of the longest step, whichever is less.
+_AVERAGE_STEP, _OF_LONGEST_STEP = 2.5e-4, 0.05
+_DIVERGED = "the integrator gave up: the run diverged (gains too high, or the pose singular)"
+# What arithmetic on a state that makes no sense any more raises, NumPy's LinAlgError among them.
+_FAILURES = (SixspsError, ValueError, ArithmeticError)
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,11 @@ class Accuracy:
     rtol: float
     atol: float
     longest_step: float = np.inf
+
+    @property
+    def least_progress(self) -> float:
+        """What the integrator has to get through in 2000 steps [s]."""
+        return _TRIED_STEPS * min(_AVERAGE_STEP, _OF_LONGEST_STEP * self.longest_step)
 
     def settings(self) -> dict[str, Any]:
         """Returns the entry of `simulation.json`."""
@@ -69,12 +78,31 @@ def integrate(
     Returns:
         States up to the end or the stop; an error of the engine or of the integrator is a stop.
     """
-    if len(times) < 2:
-        return Run(y[None], None)
+    reason = guard.trouble(engine.platform(y))
+    if reason or len(times) < 2:
+        return Run(y[None], Stop(reason, float(times[0])) if reason else None)
     steps = _own_steps if engine.steps_itself else _dop853
     rows = [y]
-    stopped = steps(engine, rows, times, drive, guard, accuracy, progress)
+    # A run that diverges overflows on its way to the stop.
+    with np.errstate(over="ignore", invalid="ignore"):
+        stopped = steps(engine, rows, times, drive, guard, accuracy, progress)
+        while stopped and len(rows) > 1 and not _accelerates(engine, rows[-1], times[len(rows) - 1], drive):
+            rows.pop()
     return Run(np.array(rows), stopped)
+
+
+def _accelerates(engine: ForwardEngine, y: Array, t: float, drive: ForcesAt) -> bool:
+    """Returns whether a state on the way to a stop still has accelerations."""
+    try:
+        return bool(np.isfinite(engine.acceleration(y, *drive(t, y))).all())
+    except _FAILURES:
+        return False
+
+
+def _failed(error: Exception, t: float) -> Stop:
+    """Returns the stop that an error is: only an engine's own words tell anything."""
+    says = isinstance(error, SixspsError) and not isinstance(error, InputError)
+    return Stop(str(error) if says else _DIVERGED, float(t))
 
 
 def _dop853(
@@ -89,30 +117,43 @@ def _dop853(
     """Appends the state at each of `times`; returns what stopped it."""
     from scipy.integrate import DOP853
 
+    error: Exception | None = None
+
     def rates(t: float, y: Array) -> Array:
-        # What is no number shortens the step, until it is too short for the integrator.
-        return engine.rates(y, *drive(t, y)) if np.isfinite(y).all() else np.full(len(y), np.nan)
+        # What is no number shortens the step, until it is too short for the integrator: a stage of a long
+        # step may lie where no state of the motion does.
+        nonlocal error
+        try:
+            return engine.rates(y, *drive(t, y)) if np.isfinite(y).all() else np.full(len(y), np.nan)
+        except _FAILURES as raised:
+            error = raised
+            return np.full(len(y), np.nan)
 
     t = times[0]
     try:
-        # A run that diverges overflows on its way to the stop.
-        with np.errstate(over="ignore", invalid="ignore"):
-            solver = DOP853(
-                rates, times[0], rows[0], times[-1],
-                rtol=accuracy.rtol, atol=accuracy.atol, max_step=accuracy.longest_step,
-            )  # fmt: skip
-            for _ in range(_MOST_STEPS):
+        solver = DOP853(
+            rates, times[0], rows[0], times[-1],
+            rtol=accuracy.rtol, atol=accuracy.atol, max_step=accuracy.longest_step,
+        )  # fmt: skip
+        while True:
+            first = t
+            for _ in range(_TRIED_STEPS):
+                error = None
                 message = solver.step()
                 t = solver.t
                 if solver.status == "failed":
-                    return Stop(f"the integrator gave up: {message}", float(t))
+                    return (
+                        _failed(error, t) if error else Stop(f"the integrator gave up: {message}", float(t))
+                    )
                 stop = _take(solver, engine, rows, times, guard)
                 progress(len(rows))
                 if stop or solver.status == "finished":
                     return stop
-    except SixspsError as error:
-        return Stop(str(error), float(t))
-    return Stop(f"the integrator gave up: {_MOST_STEPS} steps were not enough", float(t))
+            if t - first < accuracy.least_progress:
+                reason = f"{_TRIED_STEPS} steps brought it {t - first:.3g} s further (gains too high?)"
+                return Stop(f"the integrator gave up: {reason}", float(t))
+    except _FAILURES as raised:
+        return _failed(raised, t)
 
 
 def _take(solver: Any, engine: ForwardEngine, rows: list[Array], times: Array, guard: Guard) -> Stop | None:
@@ -139,17 +180,23 @@ def _own_steps(
     _accuracy: Accuracy,
     progress: Callable[[int], None],
 ) -> Stop | None:
-    """As `_dop853`, in blocks of the engine's own run."""
-    for first in range(0, len(times) - 1, _BLOCK):
-        block = times[first : first + _BLOCK + 1]
-        try:
-            states = engine.run(rows[-1], block, drive)
-        except SixspsError as error:
-            return Stop(str(error), float(block[0]))
-        for t, y in zip(block[1:], states[1:], strict=True):
-            reason = guard.trouble(engine.platform(y))
-            if reason:
-                return Stop(reason, float(t))
+    """As `_dop853`, by the engine's own run."""
+    reached, stop = float(times[0]), None
+
+    def watch(t: float, y: Array) -> bool:
+        nonlocal reached, stop
+        reached = t
+        reason = guard.trouble(engine.platform(y))
+        if reason:
+            stop = Stop(reason, t)
+            return False
+        if t >= times[len(rows)]:
             rows.append(y)
-        progress(len(rows))
-    return None
+            progress(len(rows))
+        return True
+
+    try:
+        engine.run(rows[0], times, drive, watch)
+    except _FAILURES as error:
+        return _failed(error, reached)
+    return stop

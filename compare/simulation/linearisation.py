@@ -69,6 +69,22 @@ class Linearisation:
         steps = np.diff(self.time) * (rate[1:] + rate[:-1]) / 2
         return np.concatenate([[0.0], np.cumsum(steps)])
 
+    def largest_rate(self, end: float) -> float:
+        """Returns the largest growth rate from the first time to `end` [1/s]."""
+        inside = self.growth_rates[self.time <= end]
+        return float(max(inside.max(), np.interp(end, self.time, self.growth_rates)))
+
+    def transitions(self, time: Array) -> Array:
+        """Returns (n - 1, 12, 12) what deviations at each of n times become up to the next."""
+        from scipy.interpolate import make_interp_spline
+        from scipy.linalg import expm
+
+        if len(self.time) < 2:
+            matrices = np.repeat(self.matrices, len(time) - 1, axis=0)
+        else:
+            matrices = make_interp_spline(self.time, self.matrices, k=1)((time[1:] + time[:-1]) / 2)
+        return np.asarray(expm(matrices * np.diff(time)[:, None, None]))
+
     def mean_rate(self, end: float) -> float:
         """Returns the mean growth rate from the first time to `end` [1/s]."""
         elapsed = end - self.time[0]

@@ -6,35 +6,37 @@ engine. The linearisation says how fast, and how long a run means anything.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from compare.forward.engine import ForcesAt, ForwardEngine
 from compare.simulation.guard import Guard
+from compare.simulation.horizon import Forecast, forecast
 from compare.simulation.integration import Accuracy, integrate
 from compare.simulation.linearisation import Linearisation, deviated
 from compare.simulation.outcome import Outcome
-from compare.simulation.plan import INTERPOLATION, Plan
+from compare.simulation.plan import INTERPOLATION, Plan, Stop
+from compare.simulation.refined import refined
 from compare.simulation.trajectory import rotation_between, trajectory
 from sixsps.arrays import Array
 
-# Relative to the largest coordinate: the error that no run can be without.
-ROUNDING = 1e-16
-# Where a run has lost its motion [m].
+# Where a run has lost its motion: distance, and angle times the platform's size [m].
 LOST = 1e-6
 # The smallest relative tolerance that DOP853 takes: its error grows like any other.
 _RTOL = 2.3e-14
-# The deviation that growth is measured on, of the platform's size, and by how much it shall grow.
-_NUDGE, _GROWTH = 1e-7, 1e3
+# Forces this often [s], but no more of them than that, are no worse than the integrator.
+_FORCE_STEP, _MOST_STEPS = 1e-3, 4000
+# The deviation that growth is measured on, and how far it shall get, of the platform's size.
+_LARGEST_NUDGE, _FARTHEST = 1e-7, 1e-3
 _MEASURED = 41
 
 
 @dataclass(frozen=True)
 class Growth:
-    """Growth of a small deviation, measured and by the eigenvalues, over the same window [1/s]."""
+    """Growth of a small deviation, measured and by the mean eigenvalue over the same window [1/s]."""
 
     measured: float
     predicted: float
@@ -45,7 +47,7 @@ class Growth:
         """Returns the entry of `simulation.json`."""
         return {
             "rate_per_s": self.measured,
-            "eigenvalue_per_s": self.predicted,
+            "mean_eigenvalue_per_s": self.predicted,
             "window_s": self.window,
             "first_deviation_m": self.nudge,
         }
@@ -59,36 +61,68 @@ def open_loop(engine: ForwardEngine, plan: Plan, progress: Callable[[int], None]
         plan: motion and forces.
         progress: called with the number of samples done so far.
     """
+    given, plan = plan, _between_samples(plan)
     linear = Linearisation.along(plan)
-    size = max(float(np.abs(plan.start.position).max()), plan.mechanism.characteristic_length)
-    horizon = min(linear.time_to_grow(max(LOST / (ROUNDING * size), 1.0)), plan.duration)
-    end = plan.motion.time[0] + horizon
-    times = plan.motion.time[plan.motion.time <= end]
     accuracy = Accuracy(_RTOL, _RTOL * min(1.0, plan.mechanism.characteristic_length))
+    consistent = not plan.motion.estimated
+    expected = forecast(plan, linear, accuracy, LOST, consistent=consistent)
+    horizon = expected.horizon(LOST)
+    end = plan.motion.time[0] + horizon
+    within = given if np.count_nonzero(given.motion.time <= end) > 1 else plan
+    times = within.motion.time[within.motion.time <= end]
     drive = _by_time(plan)
     run = integrate(engine, engine.initial(plan.start), times, drive, Guard.of(plan), accuracy, progress)
-    growth = measured_growth(engine, plan, linear)
     stopped = run.stopped or (plan.cut if end >= plan.motion.time[-1] else None)
-    few = (
-        ("no sample but the first lies within the horizon: nothing was simulated",) if len(times) < 2 else ()
-    )
+    if len(times) < 2:
+        reason = "no sample but the first lies within the horizon: nothing was simulated"
+        stopped = Stop(reason, float(times[0]))
     return Outcome(
-        trajectory(engine, plan, run.y, drive),
+        trajectory(engine, within, run.y, drive),
         stopped=stopped,
         settings={
             "integration": None if engine.steps_itself else accuracy.settings(),
-            "forces": INTERPOLATION,
-            "rounding_rel": ROUNDING,
+            "forces": INTERPOLATION
+            + (
+                f"; {len(plan.motion)} of a motion of degree 5 between those given"
+                if plan is not given
+                else ""
+            ),
             "lost_m": LOST,
         },
-        more=_figures(linear, horizon, growth),
-        notes=few,
+        more=_figures(linear, horizon, measured_growth(engine, plan, linear, horizon)),
+        notes=tuple(_notes(engine, expected, consistent=consistent, coarse=within is not given)),
     )
+
+
+def _between_samples(plan: Plan) -> Plan:
+    """Returns the plan with forces as often as a run needs them, unless its rates are not of its poses."""
+    if plan.motion.estimated:
+        return plan
+    motion = refined(plan.motion, max(_FORCE_STEP, plan.duration / _MOST_STEPS))
+    if motion is plan.motion:
+        return plan
+    fine = Plan.of(plan.mechanism, motion)
+    return replace(fine, cut=fine.cut or plan.cut)
+
+
+def _notes(engine: ForwardEngine, expected: Forecast, *, consistent: bool, coarse: bool) -> Iterator[str]:
+    if coarse:
+        yield "no sample but the first lies within the horizon: samples were put between"
+    if not consistent:
+        yield (
+            "rates and accelerations are estimated, and the poses off them by up to "
+            f"{expected.mismatch:.1e} m from one sample to the next: the run leaves its motion before the "
+            "horizon, which counts the integrator's tolerance only"
+        )
+    if engine.steps_itself:
+        yield "the horizon counts the tolerance of DOP853, not the error of the engine's own steps"
 
 
 def _figures(linear: Linearisation, horizon: float, growth: Growth | None) -> dict[str, Any]:
     return {
-        "growth_rate_per_s": float(linear.growth_rates.max()),
+        "growth_rate_per_s": growth.measured if growth else None,
+        "eigenvalue_per_s": linear.largest_rate(linear.time[0] + horizon),
+        "largest_eigenvalue_per_s": float(linear.growth_rates.max()),
         "horizon_s": horizon,
         "measured_growth": growth.entry() if growth else None,
         "linearisation": [
@@ -102,20 +136,26 @@ def _figures(linear: Linearisation, horizon: float, growth: Growth | None) -> di
     }
 
 
-def measured_growth(engine: ForwardEngine, plan: Plan, linear: Linearisation) -> Growth | None:
+def measured_growth(engine: ForwardEngine, plan: Plan, linear: Linearisation, window: float) -> Growth | None:
     """Returns how fast two runs part that start on either side of the plan, in its most unstable direction.
+
+    Args:
+        engine: forward dynamics of the plan's mechanism.
+        plan: motion and forces.
+        linear: linearisation along it.
+        window: time from the start that they are watched for [s].
 
     Returns:
         The slope of the logarithm of their distance; None where nothing grows, or where a run
         stopped.
     """
-    window = min(linear.time_to_grow(_GROWTH), plan.duration)
-    predicted = linear.mean_rate(plan.motion.time[0] + window)
+    predicted = linear.mean_rate(plan.motion.time[0] + window) if window > 0 else 0.0
     if predicted * window < 1:
         return None
     size = plan.mechanism.characteristic_length
     direction = linear.most_unstable()
-    nudge = _NUDGE * size / _extent(direction[None, :6], size)[0]
+    nudge = min(_LARGEST_NUDGE, _FARTHEST * np.exp(-predicted * window)) * size
+    nudge /= _extent(direction[None, :6], size)[0]
     times = plan.motion.time[0] + np.linspace(0, window, _MEASURED)
     accuracy = Accuracy(1e-13, 1e-13 * min(1.0, size))
     ends = []

@@ -22,6 +22,7 @@ class Outcome:
         settings: what the figures depend on.
         more: further entries of `simulation.json`.
         notes: what the user has to be told.
+        inaccurate: why the figures are worse than they have to be; empty where they are not.
     """
 
     trajectory: Trajectory
@@ -30,6 +31,7 @@ class Outcome:
     settings: Mapping[str, Any] = field(default_factory=dict)
     more: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    inaccurate: str = ""
 
     def measures(self, size: float) -> dict[str, Any]:
         """Returns the figures that every mode has a key for; None where it has no figure.

@@ -114,21 +114,17 @@ def _figures(facts: dict[str, Any]) -> Iterator[tuple[str, str]]:
         )
     if facts["max_feedback_force_N"] is not None:
         yield "PD force needed", f"{_short(facts['max_feedback_force_N'])} N"
-    if facts["growth_rate_per_s"] is not None:
-        yield (
-            "horizon",
-            f"{facts['horizon_s']:.4g} s, in which rounding grows to {facts['settings']['lost_m']:g} m",
-        )
-        yield "largest eigenvalue", f"{facts['growth_rate_per_s']:.4g} 1/s along the motion"
-    if facts.get("measured_growth"):
-        found = facts["measured_growth"]
-        yield (
-            "growth measured",
-            f"{found['rate_per_s']:.4g} 1/s, eigenvalue there {found['eigenvalue_per_s']:.4g} 1/s",
-        )
+    if facts["horizon_s"] is not None:
+        lost = facts["settings"]["lost_m"]
+        yield "horizon", f"{facts['horizon_s']:.4g} s, up to which errors stay below {lost:g} m"
+        if facts["growth_rate_per_s"] is not None:
+            yield "growth measured", f"{facts['growth_rate_per_s']:.4g} 1/s up to there"
+        there, anywhere = facts["eigenvalue_per_s"], facts["largest_eigenvalue_per_s"]
+        yield "largest eigenvalue", f"{there:.4g} 1/s up to there, {anywhere:.4g} 1/s in all"
     if facts.get("max_relative_force_difference") is not None:
         relative, transient = facts["max_relative_force_difference"], facts["transient_s"]
         yield "multipliers off forces", f"{_short(relative)} of the largest, after {transient:.2g} s"
+        yield "integrator's estimate", f"{_short(facts['force_error_estimate_N'])} N"
     yield "gap of the loops", f"{_short(facts['max_closure_error_m'])} m"
 
 

@@ -63,18 +63,22 @@ class Plan:
 
     @classmethod
     def of(cls, mechanism: Mechanism, motion: Motion) -> Plan:
-        """Returns the plan up to the first singular sample.
+        """Returns the plan up to the first singular pose, at a sample or between two.
 
         Raises:
-            EngineError: that is the first or second sample, and there is nothing to simulate.
+            EngineError: that comes before the third sample, and there is nothing to simulate.
         """
         forces = inverse_dynamics(mechanism, motion)
         regular = np.isfinite(forces).all(axis=1)
-        if regular.all():
-            return cls(mechanism, motion, forces)
-        first = int(np.argmin(regular))
-        cut = Stop("the planned pose is singular: no leg forces hold it", float(motion.time[first]))
-        if first < 2:
+        first = len(motion) if regular.all() else int(np.argmin(regular))
+        cut = None
+        if first < len(motion):
+            cut = Stop("the planned pose is singular: no leg forces hold it", float(motion.time[first]))
+        crossed = _crossing(mechanism, motion[:first])
+        if crossed:
+            first, t = crossed
+            cut = Stop("the planned pose becomes singular between two samples", t)
+        if cut and first < 2:
             raise EngineError(f"{cut.reason}, at t = {cut.t:g} s already")
         return cls(mechanism, motion[:first], forces[:first], cut)
 
@@ -104,6 +108,22 @@ class Plan:
         values = self._spline(t)
         ends = ((0, 6), (6, 9), (9, 12), (12, 18), (18, 24))
         return Planned(*(values[..., first:end] for first, end in ends))
+
+
+def _crossing(mechanism: Mechanism, motion: Motion) -> tuple[int, float] | None:
+    """Returns the first sample beyond a singularity and when det J is zero before it [s]; None without.
+
+    Args:
+        mechanism: geometry.
+        motion: n regular samples.
+    """
+    determinants = np.linalg.det(leg_states(mechanism, State.of(motion)).jacobian)
+    changes = np.flatnonzero(np.sign(determinants[1:]) != np.sign(determinants[:-1]))
+    if not changes.size:
+        return None
+    before = int(changes[0])
+    (start, end), (d, d_end) = motion.time[before : before + 2], determinants[before : before + 2]
+    return before + 1, float(start + (end - start) * d / (d - d_end))
 
 
 def spline(time: Array, values: Array, degree: int = 5) -> Any:

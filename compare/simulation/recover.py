@@ -56,5 +56,6 @@ def _first_singular(motion: Motion, regular: NDArray[np.bool_]) -> Stop | None:
     if regular.all():
         return None
     count = int((~regular).sum())
-    reason = f"the planned pose is singular at {count} samples, which have no leg forces"
+    samples = "1 sample, which has" if count == 1 else f"{count} samples, which have"
+    reason = f"the planned pose is singular at {samples} no leg forces"
     return Stop(reason, float(motion.time[np.argmin(regular)]))

@@ -80,6 +80,11 @@ class Simulation:
         """Whether nothing stopped it."""
         return self.outcome.stopped is None
 
+    @property
+    def accurate(self) -> bool:
+        """Whether the figures are within the tolerance of their mode, where it has one."""
+        return not self.outcome.inaccurate
+
 
 def simulate(
     mechanism: Mechanism,
@@ -102,7 +107,8 @@ def simulate(
     """
     engine: Any = load_entry(request.engine, FORWARD[request.engine])(mechanism)
     outcome = _run(engine, mechanism, motion, request, progress)
-    notes = [*outcome.notes, *_beyond_limits(mechanism, motion)]
+    inaccurate = [outcome.inaccurate] if outcome.inaccurate else []
+    notes = [*outcome.notes, *inaccurate, *_beyond_limits(mechanism, motion)]
     if outcome.simulated and motion.estimated:
         notes.append(
             "tracking errors hold how far the recorded poses are off those that their smoothed rates have"
@@ -140,16 +146,20 @@ def _run(
         return driven(engine, plan, progress)
     if request.mode_name == Mode.open_loop:
         return open_loop(engine, plan, progress)
+    # Two steps are no spline, and nobody asked for their length.
+    if request.force_step is None and plan.duration <= 2 * FORCE_STEP * (1 + 1e-9):
+        allowed = f"more than {2 * FORCE_STEP:g} s with forces every {FORCE_STEP:g} s, or a --force-step"
+        raise InputError("motion", f"{plan.duration:g} s long", allowed)
     gains = Gains.of(plan, request.stiffness, request.damping)
     return feedforward(engine, plan, gains, progress, request.force_step or FORCE_STEP)
 
 
 def _beyond_limits(mechanism: Mechanism, motion: Motion) -> list[str]:
-    """Returns a line for each leg that the planned motion takes beyond its limits."""
+    """Returns a line for all legs that the planned motion takes beyond their limits."""
     lengths = inverse_kinematics(mechanism, motion).lengths
-    return [
-        f"the planned motion takes leg {found.leg + 1} to {found.length:.6g} m, beyond its limit of "
-        f"{found.limit:.6g} m"
+    legs = [
+        f"leg {found.leg + 1} to {found.length:.6g} m (limit {found.limit:.6g} m)"
         for found in limit_violations(lengths, mechanism.length_limits)
         if np.isfinite(found.length)
     ]
+    return [f"the planned motion takes legs beyond their limits: {', '.join(legs)}"] if legs else []
