@@ -57,6 +57,19 @@ class State:
             return np.empty((0, 3, 3))
         return Rotation.from_quat(self.quaternion, scalar_first=True).as_matrix()
 
+    def unaccelerated(self) -> Motion:
+        """Returns the motion through these states with no acceleration and no wrench, times 0, 1, ..."""
+        zero = np.zeros((len(self), 3))
+        return Motion(
+            time=np.arange(len(self), dtype=np.float64),
+            position=self.position,
+            quaternion=self.quaternion / np.linalg.norm(self.quaternion, axis=1, keepdims=True),
+            velocity=self.velocity,
+            angular_velocity=self.angular_velocity,
+            acceleration=zero,
+            angular_acceleration=zero,
+        )
+
 
 def mass_matrix(mechanism: Mechanism, position: Array, rotation: Array) -> Array:
     """Returns M, which maps [a; epsilon] of the platform to the wrench about O1 that all bodies need.
@@ -87,7 +100,7 @@ def bias(mechanism: Mechanism, state: State) -> Array:
         (n, 6) velocity and gravity terms, force [N] and moment [N m], world axes; NaN where a leg has
         no length.
     """
-    motion = _unaccelerated(state)
+    motion = state.unaccelerated()
     legs = inverse_kinematics(mechanism, motion)
     wrench = actuator_wrench(mechanism, motion, legs)
     wrench[_without_direction(mechanism, legs)] = np.nan
@@ -108,7 +121,7 @@ def forward_dynamics(mechanism: Mechanism, state: State, forces: Array, force: A
         (n, 6) acceleration of O1 [m/s^2] and angular acceleration [rad/s^2], world axes; NaN where
         a leg has no length. Leg forces have accelerations at singular poses too.
     """
-    motion = _unaccelerated(state)
+    motion = state.unaccelerated()
     legs = inverse_kinematics(mechanism, motion)
     partial = partial_velocities(mechanism, motion, legs)
     arm = motion.rotation @ mechanism.platform.com
@@ -173,22 +186,9 @@ def _mass_matrix(mechanism: Mechanism, motion: Motion, partial: PartialVelocitie
     return (matrix + np.swapaxes(matrix, 1, 2)) / 2
 
 
-def _unaccelerated(state: State) -> Motion:
-    zero = np.zeros((len(state), 3))
-    return Motion(
-        time=np.arange(len(state), dtype=np.float64),
-        position=state.position,
-        quaternion=state.quaternion / np.linalg.norm(state.quaternion, axis=1, keepdims=True),
-        velocity=state.velocity,
-        angular_velocity=state.angular_velocity,
-        acceleration=zero,
-        angular_acceleration=zero,
-    )
-
-
 def _at_rest(position: Array, rotation: Array) -> Motion:
     from scipy.spatial.transform import Rotation
 
     zero = np.zeros((len(position), 3))
     quaternion = Rotation.from_matrix(rotation).as_quat(scalar_first=True)
-    return _unaccelerated(State(position, quaternion, zero, zero))
+    return State(position, quaternion, zero, zero).unaccelerated()

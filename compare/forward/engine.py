@@ -10,7 +10,6 @@ import numpy as np
 from sixsps.arrays import Array
 from sixsps.dynamics import State
 from sixsps.mechanism import Mechanism
-from sixsps.motion import Motion
 from sixsps.rotation import quaternion_rates
 
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
@@ -97,20 +96,6 @@ class SteppingEngine(ForwardEngine, Protocol):
             EngineError: the library did not get to the end, or the state is no number any more.
         """
         ...
-
-
-def unaccelerated(state: State, origin: Array) -> Motion:
-    """Returns the motion of one sample that passes through a state, its position taken from `origin` (3,)."""
-    zero = np.zeros((1, 3))
-    return Motion(
-        time=np.zeros(1),
-        position=state.position - origin,
-        quaternion=state.quaternion / np.linalg.norm(state.quaternion, axis=1, keepdims=True),
-        velocity=state.velocity,
-        angular_velocity=state.angular_velocity,
-        acceleration=zero,
-        angular_acceleration=zero,
-    )
 
 
 def ball_rates(quaternions: Array, omega: Array) -> Array:

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.linalg import LinAlgError
 
 from compare.engines.mujoco import Tree, platform_rates, quiet
-from compare.forward.engine import ForcesAt, Watch, ball_rates, unaccelerated, unwatched
+from compare.forward.engine import ForcesAt, Watch, ball_rates, unwatched
 from sixsps.arrays import Array
 from sixsps.dynamics import State
 from sixsps.errors import EngineError
@@ -96,7 +96,7 @@ class Mujoco:
         Raises:
             EngineError: a leg has no length.
         """
-        motion = unaccelerated(state, self._origin)
+        motion = replace(state, position=state.position - self._origin).unaccelerated()
         rate, acceleration = platform_rates(motion)
         try:
             self.tree.set_state(self.tree.positions(motion)[0], rate[0], acceleration[0])

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from compare.engines.pinocchio import MjcfTree, joint_rates
-from compare.forward.engine import ball_rates, unaccelerated
+from compare.forward.engine import ball_rates
 from sixsps.arrays import Array
 from sixsps.dynamics import State
 from sixsps.errors import EngineError
@@ -97,7 +97,7 @@ class Pinocchio:
         Raises:
             EngineError: a leg has no length.
         """
-        motion = unaccelerated(state, self._origin)
+        motion = replace(state, position=state.position - self._origin).unaccelerated()
         rate, acceleration = self.tree.platform_rates(motion)
         with np.errstate(invalid="ignore"):
             q = self.tree.positions(motion)[0]

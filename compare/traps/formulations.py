@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from importlib.metadata import version
 
 from compare.engine import EngineForces, Progress
-from sixsps.formulations import inverse_dynamics
+from compare.engines.formulation import FormulationEngine
 from sixsps.formulations.wu2012_printed import with_euler_rates
 from sixsps.mechanism import Leg, Link, Mechanism
 from sixsps.motion import Motion
@@ -15,25 +14,13 @@ from sixsps.motion import Motion
 _NO_MASS = 1e-20
 
 
-class _Formulation:
+class _Formulation(FormulationEngine):
     """A formulation along a motion; subclasses say what is done to it first."""
 
     formulation = "Kane's method, Wu, Xiong & Kong (2012) corrected"
     loops = "none to close: leg motion in closed form"
     shares = "everything with kane but what makes it wrong"
     name = "kane"
-
-    def __init__(self, mechanism: Mechanism) -> None:
-        self._mechanism = mechanism
-
-    @staticmethod
-    def version() -> str:
-        """Returns the version of sixsps."""
-        return f"sixsps {version('sixsps')}"
-
-    def inverse_dynamics(self, motion: Motion, progress: Progress) -> EngineForces:
-        """Returns wrong leg forces along a motion."""
-        return EngineForces(inverse_dynamics(self._mechanism, motion, self.name, progress))
 
 
 class Wu2012Printed(_Formulation):
