@@ -19,8 +19,7 @@ from sixsps.rotation import euler_rate_matrix, skew
 from sixsps.trajectories import bundled
 
 UNIT_ROUNDOFF = np.finfo(float).eps / 2
-# Two evaluations of the same forces differ by this many cond(J) unit roundoffs at most; see
-# compare/tolerances.py.
+# Two evaluations of the same forces differ by this many cond(J) unit roundoffs at most; 8 was seen.
 FACTOR = 20
 
 

@@ -18,8 +18,7 @@ from sixsps.motion import Motion
 from sixsps.trajectories import bundled, home_position, sinusoids
 
 UNIT_ROUNDOFF = np.finfo(float).eps / 2
-# Two evaluations of the same forces differ by this many cond(J) unit roundoffs at most; see
-# compare/tolerances.py.
+# Two evaluations of the same forces differ by this many cond(J) unit roundoffs at most; 8 was seen.
 FACTOR = 20
 G = 9.81
 

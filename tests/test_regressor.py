@@ -20,8 +20,8 @@ from sixsps.regressor import (
 from sixsps.trajectories import bundled
 
 UNIT_ROUNDOFF = np.finfo(float).eps / 2
-# Two evaluations of the same forces differ by this many cond(J) unit roundoffs at most; see
-# compare/tolerances.py. A sum over parameters was seen to reach 1.8.
+# Two evaluations of the same forces differ by this many cond(J) unit roundoffs at most; a sum over
+# parameters was seen to reach 1.8.
 FACTOR = 20
 
 

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from cases import at_rest, random_mechanism, random_motion
+from differences import curvature, slope
 from scipy.spatial.transform import Rotation
 
 import sixsps
@@ -13,24 +14,8 @@ from sixsps.kinematics import inverse_kinematics
 from sixsps.trajectories import bundled
 
 UNIT_ROUNDOFF = np.finfo(float).eps / 2
-# Two evaluations of the same forces differ by this many cond(J) unit roundoffs at most; see
-# compare/tolerances.py.
+# Two evaluations of the same forces differ by this many cond(J) unit roundoffs at most; 8 was seen.
 FACTOR = 20
-# Eighth-order central differences: error of order step^8.
-FIRST = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
-SECOND = {1: 8 / 5, 2: -1 / 5, 3: 8 / 315, 4: -1 / 560}
-STEP = 1e-2
-
-
-def slope(function):
-    """Derivative at 0 of a function of one number."""
-    return sum(w * (function(k * STEP) - function(-k * STEP)) for k, w in FIRST.items()) / STEP
-
-
-def curvature(function):
-    """Second derivative at 0 of a function of one number."""
-    terms = (w * (function(k * STEP) + function(-k * STEP)) for k, w in SECOND.items())
-    return (sum(terms) - 205 / 72 * function(0.0)) / STEP**2
 
 
 def forces_of(mechanism, motion):
