@@ -1,0 +1,110 @@
+"""Kernels compiled by Numba: the loops around the straight-line code, and their machine code on disk.
+
+Numba keeps the machine code of the loops by its own rules (`__pycache__` beside this file, or the user's
+cache folder, or NUMBA_CACHE_DIR), for this processor and its own version. The name that the loops are
+given adds a digest of everything else that the code comes from, so that a change compiles anew.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.metadata import version
+from importlib.resources import files
+from typing import Any
+
+from numba import njit, types
+
+from sixsps.kernels.emission import CAPACITY, constants, host_width, samples
+from sixsps.kernels.signatures import Signature
+
+_SOURCES = ("symbolic", "kernels", "parameters.py")
+_COMPILERS = ("casadi", "llvmlite")
+
+
+@dataclass(frozen=True, eq=False)
+class Kernel:
+    """Compiled functions of one signature; all release Python's lock.
+
+    Attributes:
+        signature: arrays in and out.
+        prepare: (parameters (97,), constants (CAPACITY,)) fills the constants of a mechanism.
+        batch: (inputs, constants, outputs, start, stop) evaluates the samples from start to stop, and
+            returns whether all are certainly regular; arrays are (n, width).
+        single: (inputs, constants, outputs) the same for arrays (width,) of one sample.
+    """
+
+    signature: Signature
+    prepare: Callable[..., None]
+    batch: Callable[..., bool]
+    single: Callable[..., bool]
+
+
+@lru_cache(maxsize=None)
+def source_digest() -> str:
+    """Returns a digest of the sources of graphs and kernels, and of the versions that compile them."""
+    digest = hashlib.sha256()
+    for place in _SOURCES:
+        path = files("sixsps") / place
+        parts = [path] if path.is_file() else sorted(path.iterdir(), key=lambda part: part.name)
+        for part in parts:
+            if part.name.endswith(".py"):
+                digest.update(part.read_bytes())
+    digest.update(" ".join(version(package) for package in _COMPILERS).encode())
+    return digest.hexdigest()[:16]
+
+
+@lru_cache(maxsize=None)
+def kernel(signature: Signature) -> Kernel:
+    """Returns a kernel, compiled now or read from disk."""
+    name, width = f"{signature.name} {source_digest()}", host_width()
+    given = _array(1, False)
+
+    def prepare(parameters, out):  # type: ignore[no-untyped-def]
+        constants(name, parameters, out)
+
+    def batch(inputs, fixed, outputs, start, stop):  # type: ignore[no-untyped-def]
+        regular = True
+        row = start
+        while row + width <= stop:
+            regular &= samples(name, width, inputs, fixed, outputs, row)
+            row += width
+        while row < stop:
+            regular &= samples(name, 1, inputs, fixed, outputs, row)
+            row += 1
+        return regular
+
+    def single(inputs, fixed, outputs):  # type: ignore[no-untyped-def]
+        return samples(name, 1, inputs, fixed, outputs, 0)
+
+    rows_in, rows_out = ([_array(2, written)] * len(names) for names, written in _ends(signature))
+    one_in, one_out = ([_array(1, written)] * len(names) for names, written in _ends(signature))
+    return Kernel(
+        signature,
+        _compiled(prepare, types.void(given, _array(1, True))),
+        _compiled(
+            batch,
+            types.boolean(
+                types.Tuple(rows_in), given, types.Tuple(rows_out), types.intp, types.intp
+            ),
+        ),
+        _compiled(single, types.boolean(types.Tuple(one_in), given, types.Tuple(one_out))),
+    )
+
+
+def _ends(signature: Signature) -> tuple[tuple[list[str], bool], tuple[list[str], bool]]:
+    return (list(signature.arrays), False), (list(signature.outputs), True)
+
+
+def _array(dimensions: int, written: bool) -> Any:
+    return types.Array(types.float64, dimensions, "C", readonly=not written)
+
+
+def _compiled(function: Callable[..., Any], signature: Any) -> Callable[..., Any]:
+    options = {"nogil": True, "error_model": "numpy"}
+    try:
+        return njit(signature, cache=True, **options)(function)
+    except RuntimeError:  # no folder to keep machine code in
+        return njit(signature, **options)(function)

@@ -1,0 +1,191 @@
+"""CasADi model of the hexapod: one symbolic source that is run in three ways, and its exact derivatives.
+
+CasADi evaluates these functions, `sixsps.kernels` lowers them to machine code, and `sixsps export c`
+writes them as C. They share with the other formulations no formula for leg motion, partial velocities or
+inertia forces: see `leg.py` and `model.py` for what is written down and what is differentiated.
+
+Derivatives with respect to the pose are taken on the rotation group: the pose is perturbed to
+(P + dp, exp([dtheta]x) R), a left perturbation in world axes, while twist, acceleration and external
+wrench keep their world components. In this convention length_rates = (d lengths / d pose) [v; omega].
+
+Every function takes column vectors, or matrices with one sample a column:
+pose (7,) = [P, quaternion w x y z], twist (6,) = [v, omega], acceleration (6,) = [a, epsilon],
+wrench (6,) = [F_w, m_w], parameters (97,) as in `PARAMETERS`. SI units, world axes.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from sixsps.arrays import Array
+from sixsps.mechanism import Mechanism
+from sixsps.motion import Motion
+from sixsps.parameters import MOTION_COLUMNS
+from sixsps.parameters import PARAMETERS as PARAMETERS
+from sixsps.parameters import parameter_vector as parameter_vector
+from sixsps.symbolic.model import SLOPES, Model
+from sixsps.symbolic.solve import regularity, solve
+
+_POSE = ("pose", "parameters")
+_TWIST = ("pose", "twist", "parameters")
+_ACCELERATION = ("pose", "twist", "acceleration", "parameters")
+_MOTION = ("pose", "twist", "acceleration", "wrench", "parameters")
+
+
+def motion_columns(motion: Motion) -> dict[str, Array]:
+    """Returns pose (7, n), twist, acceleration and wrench (6, n) of a motion, one sample a column."""
+    return {
+        name: np.hstack([getattr(motion, array) for array, _ in arrays]).T
+        for name, arrays in MOTION_COLUMNS.items()
+    }
+
+
+@lru_cache(maxsize=1)
+def _model() -> Model:
+    return Model()
+
+
+@lru_cache(maxsize=1)
+def lengths() -> ca.Function:
+    """Returns the function (pose, parameters) -> lengths (6,) [m]."""
+    return _function("lengths", _POSE, {"lengths": _of_legs("length")})
+
+
+@lru_cache(maxsize=1)
+def jacobian() -> ca.Function:
+    """Returns the function (pose, parameters) -> jacobian (6, 6), the derivative of `lengths`."""
+    return _function("jacobian", _POSE, {"jacobian": _model().jacobian().T})
+
+
+@lru_cache(maxsize=1)
+def leg_motion() -> ca.Function:
+    """Returns (pose, twist, acceleration, parameters) -> lengths, length_rates, length_accelerations (6,)."""
+    names = {"lengths": "length", "length_rates": "rate", "length_accelerations": "acceleration"}
+    outputs = {output: _of_legs(name) for output, name in names.items()}
+    return _function("leg_motion", _ACCELERATION, outputs)
+
+
+@lru_cache(maxsize=1)
+def equations() -> ca.Function:
+    """Returns (pose, twist, acceleration, wrench, parameters) -> J (6, 6), C (6,) of J F = C."""
+    model = _model()
+    return _function("equations", _MOTION, {"J": model.jacobian(), "C": model.actuator_wrench()})
+
+
+@lru_cache(maxsize=1)
+def forces() -> ca.Function:
+    """Returns (pose, twist, acceleration, wrench, parameters) -> F (6,) [N], regularity.
+
+    regularity is a lower bound of cond(J)^-2, moments over the RMS platform radius; or the square of
+    the shortest leg over that radius, where this is less.
+    """
+    F, margin = _solved(_model().actuator_wrench())
+    return _function("forces", _MOTION, {"F": F, "regularity": margin})
+
+
+@lru_cache(maxsize=1)
+def force_derivatives() -> ca.Function:
+    """Returns the function from the inputs of `forces` to its outputs and the exact derivatives of F.
+
+    by_pose (6, 6) for a left perturbation [dp; dtheta] in world axes, by_twist, by_acceleration and
+    by_wrench (6, 6). From J F = C they solve J dF = dC - dJ F.
+    """
+    model = _model()
+    F, _ = _solved(model.actuator_wrench())
+    slopes = model.residual_slopes(F)
+    inverse, margin = _solved(-ca.SX.eye(6))
+    by_motion = {name: inverse @ getattr(slopes, name) for name in SLOPES}
+    outputs = {"F": F, **by_motion, "by_wrench": inverse @ model.wrench_slope(), "regularity": margin}
+    return _function("force_derivatives", _MOTION, outputs)
+
+
+@lru_cache(maxsize=1)
+def parameter_derivatives() -> ca.Function:
+    """Returns the function from the inputs of `forces` to by_parameters (6, 97).
+
+    The exact derivatives of F with respect to every entry of `PARAMETERS`.
+    """
+    model = _model()
+    F, _ = _solved(model.actuator_wrench())
+    held = ca.SX.sym("F", 6)
+    residual = model.jacobian() @ held - model.actuator_wrench()
+    slopes = ca.substitute(ca.jacobian(residual, model.inputs["parameters"]), held, F)
+    inverse, margin = _solved(-ca.SX.eye(6))
+    outputs = {"by_parameters": ca.densify(inverse @ slopes), "regularity": margin}
+    return _function("parameter_derivatives", _MOTION, outputs)
+
+
+@lru_cache(maxsize=1)
+def energy() -> ca.Function:
+    """Returns the function (pose, twist, parameters) -> kinetic, potential energy [J]."""
+    model = _model()
+    outputs = {"kinetic": model.kinetic_energy(), "potential": model.potential_energy()}
+    return _function("energy", _TWIST, outputs)
+
+
+@lru_cache(maxsize=1)
+def energy_rate() -> ca.Function:
+    """Returns the function (pose, twist, acceleration, parameters) -> rate of total energy [W]."""
+    model = _model()
+    total = model.kinetic_energy() + model.potential_energy()
+    pose, twist = model.inputs["pose"], model.inputs["twist"]
+    w, vector = pose[3], pose[4:]
+    # q' = (0, omega) q / 2, the quaternion of world-frame omega.
+    turning = ca.vertcat(-ca.dot(model.omega, vector), w * model.omega + ca.cross(model.omega, vector)) / 2
+    change = ca.vertcat(model.velocity, turning, model.inputs["acceleration"])
+    rate = ca.jtimes(total, ca.vertcat(pose, twist), change)
+    return _function("energy_rate", _ACCELERATION, {"rate": rate})
+
+
+def evaluate(function: ca.Function, mechanism: Mechanism, motion: Motion) -> dict[str, Array]:
+    """Evaluates one of this module's functions at every sample of a motion.
+
+    Args:
+        function: with inputs named as in the module's description.
+        mechanism: gives the parameters.
+        motion: n samples.
+
+    Returns:
+        Output name -> (n, rows, columns), or (n, rows) where the output is a column vector.
+    """
+    columns = motion_columns(motion)
+    columns["parameters"] = parameter_vector(mechanism)[:, None]
+    # CasADi evaluates every sample that shares one column of parameters in a single call.
+    inputs = [ca.DM(columns[function.name_in(i)]) for i in range(function.n_in())]
+    results = function.call(inputs) if len(motion) else []
+    sizes = [(function.name_out(i), function.size_out(i)) for i in range(function.n_out())]
+    stacked = {name: np.empty((0, *size) if size[1] > 1 else (0, size[0])) for name, size in sizes}
+    for index, result in enumerate(results):
+        rows, width = function.size_out(index)
+        blocks = np.asarray(result.full()).reshape(rows, len(motion), width).swapaxes(0, 1)
+        stacked[function.name_out(index)] = blocks[..., 0] if width == 1 else blocks
+    return stacked
+
+
+def _of_legs(name: str) -> ca.SX:
+    return ca.vertcat(*(getattr(one, name) for one in _model().legs))
+
+
+def _solved(right: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Returns J^-1 right, and the regularity of `forces`; moment rows divided by the platform radius."""
+    model = _model()
+    inverse_radius = 1 / model.radius
+
+    def metric(rows: ca.SX) -> ca.SX:
+        return ca.vertcat(rows[:3, :], rows[3:, :] * inverse_radius)
+
+    solution, determinant_squared = solve(metric(model.jacobian()), metric(right))
+    # Directions are unit vectors, arms over their RMS length have squares that sum to 6.
+    bound = regularity(determinant_squared, 12.0)
+    for one in model.legs:
+        bound = ca.fmin(bound, (one.length * inverse_radius) ** 2)
+    return solution, bound
+
+
+def _function(name: str, inputs: tuple[str, ...], outputs: dict[str, ca.SX]) -> ca.Function:
+    symbols = [_model().inputs[key] for key in inputs]
+    expressions = ca.cse([ca.densify(output) for output in outputs.values()])
+    return ca.Function(name, symbols, expressions, list(inputs), list(outputs))
