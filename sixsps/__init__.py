@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from sixsps.identification import identify as identify
     from sixsps.kinematics import LegKinematics as LegKinematics
     from sixsps.kinematics import inverse_kinematics as inverse_kinematics
+    from sixsps.kernels.model import CompiledMechanism as CompiledMechanism
+    from sixsps.kernels.model import compile as compile  # noqa: A004
     from sixsps.mechanism import Leg as Leg
     from sixsps.mechanism import Link as Link
     from sixsps.mechanism import Mechanism as Mechanism
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
 
 # Imported when first asked for: the module alone has to be there at once.
 _PLACES = {
+    "CompiledMechanism": "kernels.model",
     "EngineError": "errors",
     "EngineUnavailable": "errors",
     "InputError": "errors",
@@ -62,6 +65,7 @@ _PLACES = {
     "bias": "dynamics",
     "bundled_mechanisms": "mechanism_file",
     "base_parameters": "identification",
+    "compile": "kernels.model",
     "forward_dynamics": "dynamics",
     "identify": "identification",
     "inertial_parameters": "regressor",

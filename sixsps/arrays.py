@@ -18,7 +18,7 @@ LARGEST = 1e50
 def frozen(
     value: ArrayLike, shape: Sequence[int | None], place: str, error: Callable[..., InputError]
 ) -> Array:
-    """Returns a read-only float64 copy of `value` after checking its shape and that it is finite.
+    """Returns a read-only, C-contiguous float64 copy of `value` after checking its shape and that it is finite.
 
     Args:
         value: anything that numpy reads as numbers; never reshaped.
@@ -36,7 +36,7 @@ def frozen(
         given = np.array(None)
     if given.dtype.kind not in "iuf":
         raise error(place, value, f"numbers of shape {wanted}" if shape else "a number")
-    array = given.astype(np.float64)
+    array = given.astype(np.float64, order="C")
     fits = array.ndim == len(shape) and all(
         want is None or have == want for have, want in zip(array.shape, shape, strict=True)
     )

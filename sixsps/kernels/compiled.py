@@ -22,6 +22,7 @@ from sixsps.kernels.signatures import Signature
 
 _SOURCES = ("symbolic", "kernels", "parameters.py")
 _COMPILERS = ("casadi", "llvmlite")
+REGULAR, DOUBTFUL, MISFIT = 0, 1, 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,13 +34,14 @@ class Kernel:
         prepare: (parameters (97,), constants (CAPACITY,)) fills the constants of a mechanism.
         batch: (inputs, constants, outputs, start, stop) evaluates the samples from start to stop, and
             returns whether all are certainly regular; arrays are (n, width).
-        single: (inputs, constants, outputs) the same for arrays (width,) of one sample.
+        single: (inputs, constants, outputs) evaluates one sample from arrays (width,), and returns
+            REGULAR, DOUBTFUL, or MISFIT where an array has another length and nothing was done.
     """
 
     signature: Signature
     prepare: Callable[..., None]
     batch: Callable[..., bool]
-    single: Callable[..., bool]
+    single: Callable[..., int]
 
 
 @lru_cache(maxsize=None)
@@ -60,6 +62,7 @@ def source_digest() -> str:
 def kernel(signature: Signature) -> Kernel:
     """Returns a kernel, compiled now or read from disk."""
     name, width = f"{signature.name} {source_digest()}", host_width()
+    widths, sizes = tuple(signature.arrays.values()), tuple(signature.sizes.values())
     given = _array(1, False)
 
     def prepare(parameters, out):  # type: ignore[no-untyped-def]
@@ -77,7 +80,13 @@ def kernel(signature: Signature) -> Kernel:
         return regular
 
     def single(inputs, fixed, outputs):  # type: ignore[no-untyped-def]
-        return samples(name, 1, inputs, fixed, outputs, 0)
+        for k in range(len(inputs)):
+            if inputs[k].size != widths[k]:
+                return MISFIT
+        for k in range(len(outputs)):
+            if outputs[k].size != sizes[k]:
+                return MISFIT
+        return REGULAR if samples(name, 1, inputs, fixed, outputs, 0) else DOUBTFUL
 
     rows_in, rows_out = ([_array(2, written)] * len(names) for names, written in _ends(signature))
     one_in, one_out = ([_array(1, written)] * len(names) for names, written in _ends(signature))
@@ -90,7 +99,7 @@ def kernel(signature: Signature) -> Kernel:
                 types.Tuple(rows_in), given, types.Tuple(rows_out), types.intp, types.intp
             ),
         ),
-        _compiled(single, types.boolean(types.Tuple(one_in), given, types.Tuple(one_out))),
+        _compiled(single, types.intp(types.Tuple(one_in), given, types.Tuple(one_out))),
     )
 
 
