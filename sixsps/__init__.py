@@ -31,10 +31,10 @@ if TYPE_CHECKING:
     from sixsps.formulations.newton_euler import joint_reactions as joint_reactions
     from sixsps.identification import base_parameters as base_parameters
     from sixsps.identification import identify as identify
-    from sixsps.kinematics import LegKinematics as LegKinematics
-    from sixsps.kinematics import inverse_kinematics as inverse_kinematics
     from sixsps.kernels.model import CompiledMechanism as CompiledMechanism
     from sixsps.kernels.model import compile as compile  # noqa: A004
+    from sixsps.kinematics import LegKinematics as LegKinematics
+    from sixsps.kinematics import inverse_kinematics as inverse_kinematics
     from sixsps.mechanism import Leg as Leg
     from sixsps.mechanism import Link as Link
     from sixsps.mechanism import Mechanism as Mechanism

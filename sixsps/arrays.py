@@ -18,7 +18,7 @@ LARGEST = 1e50
 def frozen(
     value: ArrayLike, shape: Sequence[int | None], place: str, error: Callable[..., InputError]
 ) -> Array:
-    """Returns a read-only, C-contiguous float64 copy of `value` after checking its shape and that it is finite.
+    """Returns a read-only, C-contiguous float64 copy of `value`, checked for shape and finite numbers.
 
     Args:
         value: anything that numpy reads as numbers; never reshaped.

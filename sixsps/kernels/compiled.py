@@ -10,19 +10,22 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from importlib.metadata import version
 from importlib.resources import files
 from typing import Any
 
 from numba import njit, types
 
-from sixsps.kernels.emission import CAPACITY, constants, host_width, samples
+from sixsps.kernels.emission import constants, host_width, samples
 from sixsps.kernels.signatures import Signature
 
 _SOURCES = ("symbolic", "kernels", "parameters.py")
 _COMPILERS = ("casadi", "llvmlite")
 REGULAR, DOUBTFUL, MISFIT = 0, 1, 2
+# Called as Numba calls them, which is not how Python would.
+_constants: Any = constants
+_samples: Any = samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +47,7 @@ class Kernel:
     single: Callable[..., int]
 
 
-@lru_cache(maxsize=None)
+@cache
 def source_digest() -> str:
     """Returns a digest of the sources of graphs and kernels, and of the versions that compile them."""
     digest = hashlib.sha256()
@@ -58,7 +61,7 @@ def source_digest() -> str:
     return digest.hexdigest()[:16]
 
 
-@lru_cache(maxsize=None)
+@cache
 def kernel(signature: Signature) -> Kernel:
     """Returns a kernel, compiled now or read from disk."""
     name, width = f"{signature.name} {source_digest()}", host_width()
@@ -66,16 +69,16 @@ def kernel(signature: Signature) -> Kernel:
     given = _array(1, False)
 
     def prepare(parameters, out):  # type: ignore[no-untyped-def]
-        constants(name, parameters, out)
+        _constants(name, parameters, out)
 
     def batch(inputs, fixed, outputs, start, stop):  # type: ignore[no-untyped-def]
         regular = True
         row = start
         while row + width <= stop:
-            regular &= samples(name, width, inputs, fixed, outputs, row)
+            regular &= _samples(name, width, inputs, fixed, outputs, row)
             row += width
         while row < stop:
-            regular &= samples(name, 1, inputs, fixed, outputs, row)
+            regular &= _samples(name, 1, inputs, fixed, outputs, row)
             row += 1
         return regular
 
@@ -86,25 +89,22 @@ def kernel(signature: Signature) -> Kernel:
         for k in range(len(outputs)):
             if outputs[k].size != sizes[k]:
                 return MISFIT
-        return REGULAR if samples(name, 1, inputs, fixed, outputs, 0) else DOUBTFUL
+        return REGULAR if _samples(name, 1, inputs, fixed, outputs, 0) else DOUBTFUL
 
-    rows_in, rows_out = ([_array(2, written)] * len(names) for names, written in _ends(signature))
-    one_in, one_out = ([_array(1, written)] * len(names) for names, written in _ends(signature))
+    one, many = (_arrays(dimensions, signature) for dimensions in (1, 2))
     return Kernel(
         signature,
         _compiled(prepare, types.void(given, _array(1, True))),
-        _compiled(
-            batch,
-            types.boolean(
-                types.Tuple(rows_in), given, types.Tuple(rows_out), types.intp, types.intp
-            ),
-        ),
-        _compiled(single, types.intp(types.Tuple(one_in), given, types.Tuple(one_out))),
+        _compiled(batch, types.boolean(many[0], given, many[1], types.intp, types.intp)),
+        _compiled(single, types.intp(one[0], given, one[1])),
     )
 
 
-def _ends(signature: Signature) -> tuple[tuple[list[str], bool], tuple[list[str], bool]]:
-    return (list(signature.arrays), False), (list(signature.outputs), True)
+def _arrays(dimensions: int, signature: Signature) -> tuple[Any, Any]:
+    """Returns the types of a kernel's arrays in and out."""
+    ends = ((signature.arrays, False), (signature.outputs, True))
+    inputs, outputs = ([_array(dimensions, written)] * len(names) for names, written in ends)
+    return types.Tuple(inputs), types.Tuple(outputs)  # type: ignore[no-untyped-call]
 
 
 def _array(dimensions: int, written: bool) -> Any:
@@ -112,8 +112,10 @@ def _array(dimensions: int, written: bool) -> Any:
 
 
 def _compiled(function: Callable[..., Any], signature: Any) -> Callable[..., Any]:
-    options = {"nogil": True, "error_model": "numpy"}
+    def made(cache: bool) -> Any:
+        return njit(signature, cache=cache, nogil=True, error_model="numpy")(function)
+
     try:
-        return njit(signature, cache=True, **options)(function)
+        return made(cache=True)
     except RuntimeError:  # no folder to keep machine code in
-        return njit(signature, **options)(function)
+        return made(cache=False)

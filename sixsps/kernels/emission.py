@@ -24,6 +24,7 @@ CAPACITY = 1024
 
 # cond(J) below 5e11: half of where a pose counts as singular.
 _REGULAR = 4e-24
+_tools: Any = cgutils  # untyped in Numba
 _DOUBLE, _INDEX, _LANE = ir.DoubleType(), ir.IntType(64), ir.IntType(32)
 
 
@@ -108,7 +109,7 @@ def _pointer(context: Any, builder: Any, kind: Any, array: Any) -> Any:
 
 
 def _pointers(context: Any, builder: Any, kind: Any, arrays: Any) -> list[Any]:
-    pairs = zip(kind, cgutils.unpack_tuple(builder, arrays, len(kind)), strict=True)
+    pairs = zip(kind, _tools.unpack_tuple(builder, arrays, len(kind)), strict=True)
     return [_pointer(context, builder, one, array) for one, array in pairs]
 
 
@@ -119,6 +120,9 @@ class _Writer:
         self.graph = graph
         self._builder, self._width, self._fma = builder, width, _has_fma()
         self._type = self._vector(width) if width > 1 else _DOUBLE
+        # Most values visit the stack, where LLVM by itself lets half of the vectors straddle cache lines.
+        builder.function.attributes.add("nounwind")  # without one, llvmlite does not write the next
+        builder.function.attributes.alignstack = 64
         self._values: dict[int, Any] = {}
 
     def read_samples(self, array: str, columns: int, source: Any, row: Any) -> None:
@@ -176,7 +180,9 @@ class _Writer:
         if self._width == 1:
             return regular
         lanes = ir.IntType(self._width)
-        return self._builder.icmp_unsigned("==", self._builder.bitcast(regular, lanes), ir.Constant(lanes, -1))
+        return self._builder.icmp_unsigned(
+            "==", self._builder.bitcast(regular, lanes), ir.Constant(lanes, -1)
+        )
 
     def _operation(self, node: Node) -> Any:
         a, b, c = (*(self._values[number] for number in node.arguments), None, None)[:3]
@@ -214,7 +220,7 @@ class _Writer:
         suffix = "f64" if self._width == 1 else f"v{self._width}f64"
         kind = ir.FunctionType(self._type, [self._type] * len(arguments))
         module = self._builder.module
-        function = cgutils.get_or_insert_function(module, kind, f"llvm.{name}.{suffix}")
+        function = _tools.get_or_insert_function(module, kind, f"llvm.{name}.{suffix}")
         return self._builder.call(function, arguments)
 
     def _transposed(self, columns: list[Any]) -> list[Any]:

@@ -8,8 +8,8 @@ and not once a sample.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
+from functools import cache
 
 import casadi as ca
 
@@ -75,10 +75,11 @@ class Graph:
         return sum(FLOPS.get(name, 1) * count for name, count in self.operations.items())
 
 
-@lru_cache(maxsize=None)
+@cache
 def graph(name: str) -> Graph:
     """Returns the graph of the function of this name in `sixsps.symbolic`."""
-    return read(getattr(symbolic, name)())
+    function = getattr(symbolic, name)
+    return read(function(stages=True) if name == "force_derivatives" else function())
 
 
 def read(function: ca.Function) -> Graph:
@@ -112,7 +113,8 @@ class _Reader:
                 work[outputs[0]] = self._number(Node("CONSTANT", value=function.instruction_constant(k)))
             else:
                 work[outputs[0]] = self._operation(name, tuple(work[i] for i in inputs))
-        self.outputs = {function.name_out(i): tuple(found[i]) for i in range(function.n_out())}
+        names = enumerate(function.name_out(i) for i in range(function.n_out()))
+        self.outputs = {name: tuple(found[i]) for i, name in names if not name.startswith(symbolic.STAGE)}
 
     def _number(self, node: Node) -> int:
         if node not in self._numbers:
@@ -151,49 +153,117 @@ def _input(name: str, entry: int) -> Node:
 
 
 def _finished(nodes: list[Node], outputs: dict[str, tuple[int, ...]]) -> Graph:
-    alone: list[bool] = []
-    for node in nodes:
-        alone.append(node.operation != "INPUT" and all(alone[argument] for argument in node.arguments))
-    nodes = _fused(nodes, outputs, alone)
-    needed = _needed(nodes, {number for entries in outputs.values() for number in entries})
-    per_sample = tuple(number for number in needed if not alone[number])
-    read = {argument for number in per_sample for argument in nodes[number].arguments}
-    read |= {number for entries in outputs.values() for number in entries}
+    fused = _Fusion(nodes, outputs)
+    nodes, outputs = fused.nodes, fused.outputs
+    alone = _alone(nodes)
+    wanted = {number for entries in outputs.values() for number in entries}
+    per_sample = tuple(number for number in range(len(nodes)) if not alone[number])
+    read = wanted | {argument for number in per_sample for argument in nodes[number].arguments}
     return Graph(
         tuple(nodes),
         outputs,
         tuple(sorted(number for number in read if alone[number])),
         per_sample,
-        tuple(number for number in needed if alone[number]),
+        tuple(number for number in range(len(nodes)) if alone[number]),
     )
 
 
-def _needed(nodes: list[Node], wanted: set[int]) -> list[int]:
+def _alone(nodes: list[Node]) -> list[bool]:
+    """Returns for every value whether it depends on the mechanism alone."""
+    alone: list[bool] = []
+    for node in nodes:
+        alone.append(node.operation != "INPUT" and all(alone[argument] for argument in node.arguments))
+    return alone
+
+
+def _live(nodes: list[Node], wanted: set[int]) -> list[int]:
+    """Returns the numbers of the values that the wanted ones are made from, and theirs."""
     for number in reversed(range(len(nodes))):
         if number in wanted:
             wanted |= set(nodes[number].arguments)
     return sorted(wanted)
 
 
-def _fused(nodes: list[Node], outputs: dict[str, tuple[int, ...]], alone: list[bool]) -> list[Node]:
-    """Returns the nodes with every product that only one sum uses taken into that sum."""
-    live = _needed(nodes, {number for entries in outputs.values() for number in entries})
-    uses = Counter(argument for number in live for argument in nodes[number].arguments)
-    uses.update(number for entries in outputs.values() for number in entries)
-    fused = list(nodes)
+_Product = tuple[bool, int, int]
+"""Whether it is subtracted, and its two factors."""
 
-    def product(number: int) -> bool:
-        return fused[number].operation == "MUL" and uses[number] == 1 and not alone[number]
 
-    for number in live:
-        node = nodes[number]
-        if node.operation not in ("ADD", "SUB") or alone[number] or len(set(node.arguments)) == 1:
-            continue
-        left, right = node.arguments
-        if product(right):
-            name = "FMA" if node.operation == "ADD" else "FNMA"
-            fused[number] = Node(name, (*nodes[right].arguments, left))
-        elif product(left):
-            name = "FMA" if node.operation == "ADD" else "FMS"
-            fused[number] = Node(name, (*nodes[left].arguments, right))
-    return fused
+class _Fusion:
+    """A graph without its dead values, products fused into the sums that they are terms of.
+
+    A sum of products x1 y1 + x2 y2 + .. that is used once, in another sum, is added to that sum's other
+    term product by product: as many fused operations as there are products, and no plain addition.
+    Sums of two such sums are left alone: they were written in pairs to be short.
+    """
+
+    def __init__(self, nodes: list[Node], outputs: dict[str, tuple[int, ...]]) -> None:
+        self.nodes: list[Node] = []
+        self._old, self._new = nodes, dict[int, int]()
+        self._alone = _alone(nodes)
+        wanted = {number for entries in outputs.values() for number in entries}
+        live = _live(nodes, set(wanted))
+        users: dict[int, list[int]] = {number: [] for number in live}
+        for number in live:
+            for argument in nodes[number].arguments:
+                users[argument].append(number)
+        self._once = {number for number in live if number not in wanted and self._in_one_sum(users[number])}
+        self._sums: dict[int, list[_Product]] = {}
+        for number in live:
+            self._take(number)
+        self.outputs = {
+            name: tuple(self._new[number] for number in entries) for name, entries in outputs.items()
+        }
+
+    def _in_one_sum(self, users: list[int]) -> bool:
+        if len(users) != 1 or self._alone[users[0]]:
+            return False
+        return self._old[users[0]].operation in ("ADD", "SUB")
+
+    def _take(self, number: int) -> None:
+        node = self._old[number]
+        if node.operation == "MUL" and number in self._once and not self._alone[number]:
+            left, right = (self._new[argument] for argument in node.arguments)
+            self._sums[number] = [(False, left, right)]
+        elif node.operation in ("ADD", "SUB") and not self._alone[number]:
+            self._take_sum(number, node.operation == "SUB", *node.arguments)
+        else:
+            arguments = tuple(self._new[argument] for argument in node.arguments)
+            self._new[number] = self._made(replace(node, arguments=arguments))
+
+    def _take_sum(self, number: int, subtracts: bool, left: int, right: int) -> None:
+        products = [self._sums.get(term, []) for term in (left, right)]
+        if products[0] and products[1] and min(map(len, products)) == 1:
+            self._sums[number] = products[0] + _signed(products[1], subtracts)
+            if number not in self._once:
+                self._new[number] = self._sum(self._sums.pop(number))
+        elif products[0] and products[1]:
+            terms = tuple(self._sum(one) for one in products)
+            self._new[number] = self._made(Node("SUB" if subtracts else "ADD", terms))
+        elif products[1]:
+            self._new[number] = self._sum(_signed(products[1], subtracts), self._new[left])
+        elif products[0]:
+            self._new[number] = self._sum(products[0], self._new[right], subtracts)
+        else:
+            name = "SUB" if subtracts else "ADD"
+            self._new[number] = self._made(Node(name, (self._new[left], self._new[right])))
+
+    def _sum(self, products: list[_Product], plain: int | None = None, negated: bool = False) -> int:
+        """Makes a sum of products, and of a plain value that may be subtracted."""
+        total = plain
+        for subtracts, *factors in products:
+            if total is None:
+                total = self._made(Node("MUL", tuple(factors)))
+            elif negated:
+                total, negated = self._made(Node("FMS", (*factors, total))), False
+            else:
+                total = self._made(Node("FNMA" if subtracts else "FMA", (*factors, total)))
+        assert total is not None  # noqa: S101
+        return total
+
+    def _made(self, node: Node) -> int:
+        self.nodes.append(node)
+        return len(self.nodes) - 1
+
+
+def _signed(products: list[_Product], subtracts: bool) -> list[_Product]:
+    return [(sign != subtracts, a, b) for sign, a, b in products]

@@ -1,4 +1,4 @@
-"""A mechanism compiled to machine code: forces, their derivatives and leg motion at the speed of the processor."""
+"""A mechanism as machine code: leg forces, their derivatives and leg motion."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sixsps.arrays import Array
-from sixsps.errors import InputError
-from sixsps.kernels.compiled import CAPACITY, MISFIT, REGULAR, Kernel, kernel
+from sixsps.errors import InputError, MotionError
+from sixsps.kernels.compiled import MISFIT, REGULAR, Kernel, kernel
+from sixsps.kernels.emission import CAPACITY
 from sixsps.kernels.signatures import (
     EQUATIONS,
     FORCE_DERIVATIVES,
@@ -157,8 +159,10 @@ class CompiledMechanism:
             raise _misfit(arrays, forces)
         return self._judged(arrays, forces)
 
-    def _run(self, signature: Signature, motion: Motion, outputs: dict[str, Array] | None = None) -> dict[str, Array]:
-        """Evaluates a kernel along a motion, on all threads where it is long, and blanks singular samples."""
+    def _run(
+        self, signature: Signature, motion: Motion, outputs: dict[str, Array] | None = None
+    ) -> dict[str, Array]:
+        """Evaluates a kernel along a motion, a long one on all threads; NaN at singular samples."""
         one, n = kernel(signature), len(motion)
         arrays = {name: np.ascontiguousarray(getattr(motion, name)) for name in signature.arrays}
         found = outputs or {name: np.empty((n, *shape)) for name, shape in signature.outputs.items()}
@@ -188,7 +192,7 @@ class CompiledMechanism:
         return self._constants[one.signature]
 
     def _blank_singular(self, motion: Motion, samples: slice, found: dict[str, Array]) -> None:
-        """Puts NaN where a pose is singular, after a doubt in a chunk; by the definition of all formulations."""
+        """Puts NaN where a pose of a doubtful chunk is singular, by the definition of all formulations."""
         part = motion[samples]
         J, _ = self.equations(part)
         lengths = self.inverse_kinematics(part).lengths
@@ -198,20 +202,21 @@ class CompiledMechanism:
             array[samples][singular] = np.nan
 
     def _judged(self, given: tuple[Array, ...], forces: Array) -> Array:
-        """Puts NaN into the forces of one sample where the pose is singular."""
-        columns = dict(zip(FORCES.arrays, given, strict=True))
-        if not all(np.isfinite(value).all() for value in given) or not columns["quaternion"].any():
+        """Puts NaN into the forces of one sample where it is singular, or no state of motion at all."""
+        columns: dict[str, Any] = {
+            name: value[None] for name, value in zip(FORCES.arrays, given, strict=True)
+        }
+        size = np.linalg.norm(columns["quaternion"])
+        if not 0 < size < np.inf:
             forces[:] = np.nan
             return forces
-        J, lengths = np.empty((1, 36)), np.empty((1, 6))
-        for signature, outputs in ((EQUATIONS, (J, np.empty((1, 6)))), (LEG_MOTION, (lengths, *np.empty((2, 1, 6))))):
-            one = kernel(signature)
-            rows = tuple(columns[name].reshape(1, -1) for name in signature.arrays)
-            one.batch(rows, self._constants_of(one), outputs, 0, 1)
-        jacobian = J.reshape(1, 6, 6).swapaxes(1, 2)
-        condition = condition_numbers(jacobian, lengths, self.mechanism.characteristic_length)
-        if not condition[0] <= SINGULAR_CONDITION:
+        columns["quaternion"] = columns["quaternion"] / size
+        try:
+            motion = Motion(time=np.zeros(1), **columns)
+        except MotionError:
             forces[:] = np.nan
+        else:
+            self._blank_singular(motion, slice(0, 1), {"F": forces[None]})
         return forces
 
 

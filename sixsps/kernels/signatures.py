@@ -54,5 +54,7 @@ LEG_MOTION = Signature(
     _ACCELERATION,
     {"lengths": (6,), "length_rates": (6,), "length_accelerations": (6,)},
 )
-SIGNATURES = {one.name: one for one in (FORCES, FORCE_DERIVATIVES, PARAMETER_DERIVATIVES, EQUATIONS, LEG_MOTION)}
+SIGNATURES = {
+    one.name: one for one in (FORCES, FORCE_DERIVATIVES, PARAMETER_DERIVATIVES, EQUATIONS, LEG_MOTION)
+}
 """Function -> its kernel's arrays."""

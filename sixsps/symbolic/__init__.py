@@ -27,7 +27,10 @@ from sixsps.parameters import MOTION_COLUMNS
 from sixsps.parameters import PARAMETERS as PARAMETERS
 from sixsps.parameters import parameter_vector as parameter_vector
 from sixsps.symbolic.model import SLOPES, Model
-from sixsps.symbolic.solve import regularity, solve
+from sixsps.symbolic.solve import Factors, regularity
+
+STAGE = "stage"
+"""How the names of outputs begin that are there for the order of a function only."""
 
 _POSE = ("pose", "parameters")
 _TWIST = ("pose", "twist", "parameters")
@@ -82,23 +85,31 @@ def forces() -> ca.Function:
     regularity is a lower bound of cond(J)^-2, moments over the RMS platform radius; or the square of
     the shortest leg over that radius, where this is less.
     """
-    F, margin = _solved(_model().actuator_wrench())
-    return _function("forces", _MOTION, {"F": F, "regularity": margin})
+    return _function("forces", _MOTION, {"F": _forces(), "regularity": _regularity()})
 
 
-@lru_cache(maxsize=1)
-def force_derivatives() -> ca.Function:
+@lru_cache(maxsize=2)
+def force_derivatives(stages: bool = False) -> ca.Function:
     """Returns the function from the inputs of `forces` to its outputs and the exact derivatives of F.
 
     by_pose (6, 6) for a left perturbation [dp; dtheta] in world axes, by_twist, by_acceleration and
     by_wrench (6, 6). From J F = C they solve J dF = dC - dJ F.
+
+    Args:
+        stages: adds outputs `stage..` for what is known after each leg. CasADi orders a function by
+            its outputs: in this order fewer values wait for their use.
     """
-    model = _model()
-    F, _ = _solved(model.actuator_wrench())
-    slopes = model.residual_slopes(F)
-    inverse, margin = _solved(-ca.SX.eye(6))
-    by_motion = {name: inverse @ getattr(slopes, name) for name in SLOPES}
-    outputs = {"F": F, **by_motion, "by_wrench": inverse @ model.wrench_slope(), "regularity": margin}
+    model, F = _model(), _forces()
+    sums = model.residual_slopes(F)
+    known = [getattr(one, name) for one in sums for name in SLOPES] if stages else []
+    by_motion = {name: _inverse() @ getattr(sums[-1], name) for name in SLOPES}
+    outputs = {
+        "F": F,
+        **{f"{STAGE}{index}": stage for index, stage in enumerate(known)},
+        **by_motion,
+        "by_wrench": _inverse() @ model.wrench_slope(),
+        "regularity": _regularity(),
+    }
     return _function("force_derivatives", _MOTION, outputs)
 
 
@@ -109,12 +120,10 @@ def parameter_derivatives() -> ca.Function:
     The exact derivatives of F with respect to every entry of `PARAMETERS`.
     """
     model = _model()
-    F, _ = _solved(model.actuator_wrench())
     held = ca.SX.sym("F", 6)
-    residual = model.jacobian() @ held - model.actuator_wrench()
-    slopes = ca.substitute(ca.jacobian(residual, model.inputs["parameters"]), held, F)
-    inverse, margin = _solved(-ca.SX.eye(6))
-    outputs = {"by_parameters": ca.densify(inverse @ slopes), "regularity": margin}
+    residual = model.actuator_wrench() - model.jacobian() @ held
+    slopes = ca.substitute(ca.jacobian(residual, model.inputs["parameters"]), held, _forces())
+    outputs = {"by_parameters": _inverse() @ slopes, "regularity": _regularity()}
     return _function("parameter_derivatives", _MOTION, outputs)
 
 
@@ -169,20 +178,32 @@ def _of_legs(name: str) -> ca.SX:
     return ca.vertcat(*(getattr(one, name) for one in _model().legs))
 
 
-def _solved(right: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Returns J^-1 right, and the regularity of `forces`; moment rows divided by the platform radius."""
-    model = _model()
-    inverse_radius = 1 / model.radius
+@lru_cache(maxsize=1)
+def _factors() -> Factors:
+    return Factors(_metric(_model().jacobian()))
 
-    def metric(rows: ca.SX) -> ca.SX:
-        return ca.vertcat(rows[:3, :], rows[3:, :] * inverse_radius)
 
-    solution, determinant_squared = solve(metric(model.jacobian()), metric(right))
+def _metric(rows: ca.SX) -> ca.SX:
+    """Rows of forces and of moments, these divided by the RMS platform radius."""
+    return ca.vertcat(rows[:3, :], rows[3:, :] / _model().radius)
+
+
+def _forces() -> ca.SX:
+    return _factors().solve(_metric(_model().actuator_wrench()))
+
+
+@lru_cache(maxsize=1)
+def _inverse() -> ca.SX:
+    """Returns J^-1."""
+    return _metric(_factors().inverse().T).T
+
+
+def _regularity() -> ca.SX:
     # Directions are unit vectors, arms over their RMS length have squares that sum to 6.
-    bound = regularity(determinant_squared, 12.0)
-    for one in model.legs:
-        bound = ca.fmin(bound, (one.length * inverse_radius) ** 2)
-    return solution, bound
+    bound = regularity(_factors().determinant_squared, 12.0)
+    for one in _model().legs:
+        bound = ca.fmin(bound, (one.length / _model().radius) ** 2)
+    return bound
 
 
 def _function(name: str, inputs: tuple[str, ...], outputs: dict[str, ca.SX]) -> ca.Function:

@@ -31,8 +31,8 @@ class Leg:
         direction: s, (3,).
         rate: l' [m/s].
         acceleration: l'' [m/s^2].
-        force: Q (3,), what the platform exerts on the leg besides the actuator [N].
-        momentum: its kinetic energy is half of the momenta times S' and s' [J].
+        force: Q (3,), what the platform exerts on the leg besides the actuator's share [N].
+        kinetic: kinetic energy of both links [J].
     """
 
     length: ca.SX
@@ -47,7 +47,7 @@ class Leg:
 class _Scalars:
     """The scalars that coefficients depend on, as symbols."""
 
-    length: ca.SX
+    inverse: ca.SX  # 1 / l, in which everything is a polynomial
     rate: ca.SX
     speed_squared: ca.SX
     pull: ca.SX  # s.S''
@@ -55,11 +55,11 @@ class _Scalars:
 
     @property
     def acceleration(self) -> ca.SX:
-        """l'' = (s.S')' = s'.S' + s.S''."""
-        return self.pull + (self.speed_squared - self.rate * self.rate) / self.length
+        """Second rate of the length, (s.S')' = s'.S' + s.S''."""
+        return self.pull + (self.speed_squared - self.rate * self.rate) * self.inverse
 
     def all(self) -> ca.SX:
-        return ca.vertcat(self.length, self.rate, self.speed_squared, self.pull, self.weight)
+        return ca.vertcat(self.inverse, self.rate, self.speed_squared, self.pull, self.weight)
 
 
 class _Span:
@@ -67,25 +67,22 @@ class _Span:
 
     def __init__(self, scalars: _Scalars) -> None:
         self.at = scalars
-        self.s, self.velocity, self.acceleration, self.gravity = (
-            ca.SX(ca.DM.eye(4)[:, k]) for k in range(4)
-        )
-        self.turning = (self.velocity - scalars.rate * self.s) / scalars.length  # s'
+        self.s, self.velocity, self.acceleration, self.gravity = (ca.SX(ca.DM.eye(4)[:, k]) for k in range(4))
+        self.turning = (self.velocity - scalars.rate * self.s) * scalars.inverse  # s'
 
     def rate_of(self, vector: ca.SX) -> ca.SX:
         """Time derivative of a vector in the span of s and S' whose coefficients depend on l and l'."""
         at = self.at
-        moving = ca.vertcat(at.length, at.rate)
-        change = ca.jtimes(vector, moving, ca.vertcat(at.rate, at.acceleration))
+        moving = ca.vertcat(at.inverse, at.rate)
+        moved = ca.vertcat(-at.rate * at.inverse * at.inverse, at.acceleration)
+        change = ca.jtimes(vector, moving, moved)
         return change + vector[0] * self.turning + vector[1] * self.acceleration
 
-    def along(self, vector: ca.SX) -> ca.SX:
-        """Component of a vector along s."""
-        return vector[0] + vector[1] * self.at.rate + vector[2] * self.at.pull + vector[3] * self.at.weight
-
     def across(self, vector: ca.SX) -> ca.SX:
-        """A vector without its component along s."""
-        return ca.vertcat(vector[0] - self.along(vector), vector[1:])
+        """A vector without its component along s; what it has of s itself does not count."""
+        at = self.at
+        others = vector[1] * at.rate + vector[2] * at.pull + vector[3] * at.weight
+        return ca.vertcat(-others, vector[1:])
 
     def product(self, a: ca.SX, b: ca.SX) -> ca.SX:
         """Scalar product of two vectors in the span of s and S'."""
@@ -96,7 +93,7 @@ class _Span:
 @lru_cache(maxsize=1)
 def _coefficients() -> tuple[_Scalars, ca.SX, ca.SX, ca.SX]:
     """Returns the scalars, the links' numbers, the coefficients of Q, and the kinetic energy."""
-    names = ("length", "rate", "speed_squared", "pull", "weight")
+    names = ("inverse", "rate", "speed_squared", "pull", "weight")
     scalars, links = _Scalars(*(ca.SX.sym(name) for name in names)), ca.SX.sym("links", LINKS)
     span = _Span(scalars)
     m_d, e_d, I_d, _, m_u, e_u, I_u, _ = ca.vertsplit(links)
@@ -107,16 +104,16 @@ def _coefficients() -> tuple[_Scalars, ca.SX, ca.SX, ca.SX]:
     p_s = moment * span.velocity + second * span.turning
     at_joint = span.rate_of(p) - m_u * span.gravity
     at_direction = span.rate_of(p_s) - (m_d * e_d + moment) * span.gravity
-    Q = at_joint + span.across(at_direction) / scalars.length
+    Q = at_joint + span.across(at_direction) * scalars.inverse
     kinetic = (span.product(p, span.velocity) + span.product(p_s, span.turning)) / 2
     return scalars, links, Q, kinetic
 
 
 def _values(S: ca.SX, dS: ca.SX, ddS: ca.SX, gravity: ca.SX) -> tuple[_Scalars, ca.SX]:
     """Returns the scalars of a leg in motion, and the vectors s, S', S'', g as columns (3, 4)."""
-    length = ca.sqrt(ca.dot(S, S))
-    s = S / length
-    scalars = _Scalars(length, ca.dot(s, dS), ca.dot(dS, dS), ca.dot(s, ddS), ca.dot(s, gravity))
+    inverse = 1 / ca.sqrt(ca.dot(S, S))
+    s = S * inverse
+    scalars = _Scalars(inverse, ca.dot(s, dS), ca.dot(dS, dS), ca.dot(s, ddS), ca.dot(s, gravity))
     return scalars, ca.horzcat(s, dS, ddS, gravity)
 
 
@@ -133,13 +130,13 @@ def leg(S: ca.SX, dS: ca.SX, ddS: ca.SX, gravity: ca.SX, links: ca.SX) -> Leg:
     at, vectors = _values(S, dS, ddS, gravity)
     symbols, numbers, Q, kinetic = _coefficients()
     Q, kinetic = ca.substitute([Q, kinetic], [symbols.all(), numbers], [at.all(), links])
-    return Leg(at.length, vectors[:, 0], at.rate, at.acceleration, vectors @ Q, kinetic)
+    return Leg(ca.sqrt(ca.dot(S, S)), vectors[:, 0], at.rate, at.acceleration, vectors @ Q, kinetic)
 
 
 def joint_force_slopes(
     S: ca.SX, dS: ca.SX, ddS: ca.SX, gravity: ca.SX, links: ca.SX, force: ca.SX
 ) -> list[ca.SX]:
-    """Returns the derivatives (3, 3) of s F - Q, the force of a leg on the platform, by S, S' and S''.
+    """Returns the derivatives (3, 3) of Q - s F, what a leg takes with its actuator, by S, S' and S''.
 
     Args:
         S: (3,) from base joint to platform joint [m].
@@ -150,25 +147,28 @@ def joint_force_slopes(
         force: F, of the actuator, held [N].
     """
     at, vectors = _values(S, dS, ddS, gravity)
-    s = vectors[:, 0]
     symbols, numbers, Q, _ = _coefficients()
     F = ca.SX.sym("F")
-    k = ca.vertcat(F - Q[0], -Q[1:])
+    k = ca.vertcat(Q[0] - F, Q[1:])
     old, new = [symbols.all(), numbers, F], [at.all(), links, force]
     k, slopes = ca.substitute([k, ca.jacobian(k, symbols.all())], old, new)
+    span = _Span(at)
+    # Gradients of the five scalars by S, S' and S'', a row each in the order of `_Scalars`.
+    zero = ca.SX(1, 4)
+    pull, weight = (span.across(vector).T * at.inverse for vector in (span.acceleration, span.gravity))
+    by_S = [-at.inverse * at.inverse * span.s.T, span.turning.T, zero, pull, weight]
+    by_dS = [zero, span.s.T, 2 * span.velocity.T, zero, zero]
+    by_ddS = [zero, zero, zero, span.s.T, zero]
+    inner = [slopes @ ca.vertcat(*rows) for rows in (by_S, by_dS, by_ddS)]
+    # The vector s itself turns with S, by (E - s s^T) / l.
+    turning = k[0] * at.inverse
+    inner[0] -= turning * (span.s @ span.s.T)
+    plain = (turning, k[1], k[2])
+    return [own * ca.SX.eye(3) + _in_world(vectors, one) for own, one in zip(plain, inner, strict=True)]
 
-    def across(vector: ca.SX, along: ca.SX) -> ca.SX:
-        """d(s.vector)/dS, for a vector whose component along s is known."""
-        return (vector - s * along).T / at.length
 
-    zero, E = ca.SX(1, 3), ca.SX.eye(3)
-    # Gradients of the five scalars, in the order of `_Scalars`.
-    by_S = ca.vertcat(s.T, across(dS, at.rate), zero, across(ddS, at.pull), across(gravity, at.weight))
-    by_dS = ca.vertcat(zero, s.T, 2 * dS.T, zero, zero)
-    by_ddS = ca.vertcat(zero, zero, zero, s.T, zero)
-    turned = k[0] * (E - s @ s.T) / at.length
-    return [
-        turned + vectors @ (slopes @ by_S),
-        k[1] * E + vectors @ (slopes @ by_dS),
-        k[2] * E + vectors @ (slopes @ by_ddS),
-    ]
+def _in_world(vectors: ca.SX, matrix: ca.SX) -> ca.SX:
+    """Returns V M V^T (3, 3), for M with entries in row 0, in column 0 and at (1, 1) only."""
+    s, velocity = vectors[:, 0], vectors[:, 1]
+    squares = matrix[0, 0] * (s @ s.T) + matrix[1, 1] * (velocity @ velocity.T)
+    return squares + s @ (vectors[:, 1:] @ matrix[0, 1:].T).T + (vectors[:, 1:] @ matrix[1:, 0]) @ s.T

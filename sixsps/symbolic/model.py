@@ -4,10 +4,11 @@ Written down are: a point of the platform moves with P + c, c = R b turning with
 point is a wrench about O1; the platform obeys the equations of Newton and Euler. With the force that a
 leg exerts on its platform joint (`leg.py`) they give the balance of wrenches
 
-    J F - C = sum over the joints of [w; c x w], less what the platform's own motion takes = 0.
+    C - J F = sum over the joints of [w; c x w] and what the platform's own motion takes = 0,
 
-Its slopes are the sums of those of its parts: a leg feels its platform joint's position, velocity and
-acceleration, and each of these depends on pose, twist and acceleration of the platform in closed form.
+w = Q - s F being what a leg with its actuator takes at its joint. Its slopes are the sums of those of its
+parts: a leg feels position, velocity and acceleration of its platform joint, and each of these depends on
+pose, twist and acceleration of the platform in closed form.
 """
 
 from __future__ import annotations
@@ -20,7 +21,6 @@ from sixsps.parameters import MOTION_COLUMNS, PARAMETERS
 from sixsps.symbolic.leg import LINKS, Leg, joint_force_slopes, leg
 
 _E = ca.SX.eye(3)
-_LINEAR = ca.vertcat(ca.SX.eye(3), ca.SX(3, 3))
 
 
 class _Reader:
@@ -132,18 +132,23 @@ class Model:
             moment += m_d * (base + e_d * one.direction) + m_u * (joint - e_u * one.direction)
         return -ca.dot(self.gravity, moment)
 
-    def residual_slopes(self, forces: ca.SX) -> Slopes:
-        """Returns the slopes of J F - C at given leg forces F (6,)."""
-        total = self._euler_slopes()
+    def residual_slopes(self, forces: ca.SX) -> list[Slopes]:
+        """Returns the slopes of C - J F at given leg forces F (6,).
+
+        As running sums: of the platform, with the first leg, and so on; the last is the whole.
+        """
+        load = self.mass * (self.acceleration_of(self.lever) - self.gravity) - self.force
+        platform = self._at_point(self.lever, load, [ca.SX(3, 3), ca.SX(3, 3), self.mass * _E])
+        sums = [platform + self._euler_slopes()]
         for k, arm in enumerate(self.arms):
             slopes = joint_force_slopes(*self.joint(k), self.gravity, self.links[k], forces[k])
-            total += self._at_point(arm, self.legs[k].direction * forces[k] - self.legs[k].force, slopes)
-        load = self.force - self.mass * (self.acceleration_of(self.lever) - self.gravity)
-        return total + self._at_point(self.lever, load, [ca.SX(3, 3), ca.SX(3, 3), -self.mass * _E])
+            needed = self.legs[k].force - self.legs[k].direction * forces[k]
+            sums.append(sums[-1] + self._at_point(arm, needed, slopes))
+        return sums
 
     def wrench_slope(self) -> ca.SX:
-        """Returns the derivative (6, 6) of J F - C with respect to the external wrench."""
-        return ca.horzcat(_wrenches(self.lever, _E), ca.vertcat(ca.SX(3, 3), _E))
+        """Returns the derivative (6, 6) of C - J F with respect to the external wrench."""
+        return -ca.horzcat(_wrenches(self.lever, _E), ca.vertcat(ca.SX(3, 3), _E))
 
     def _at_point(self, arm: ca.SX, force: ca.SX, slopes: list[ca.SX]) -> Slopes:
         """Slopes of the wrench of a force at a point of the platform.
@@ -164,21 +169,19 @@ class Model:
         return Slopes(
             pose + ca.horzcat(ca.SX(6, 3), lever),
             _wrenches(arm, ca.horzcat(by_velocity, -by_velocity @ across - by_acceleration @ spun)),
-            _wrenches(arm, ca.horzcat(by_acceleration, -by_acceleration @ across)),
+            _symmetric(by_acceleration, by_acceleration @ across, across),
         )
 
     def _euler_slopes(self) -> Slopes:
-        """Slopes of the wrench that the platform's turning takes, with its sign in J F - C."""
-        R, omega, epsilon = self.rotation, ca.SX.sym("omega", 3), ca.SX.sym("epsilon", 3)
-        moment = self.inertia @ epsilon + ca.cross(omega, self.inertia @ omega)
-        old, new = [omega, epsilon], [R.T @ self.omega, R.T @ self.epsilon]
-        by_omega, by_epsilon = ca.substitute([ca.jacobian(moment, omega), ca.jacobian(moment, epsilon)], old, new)
-        by_omega, by_epsilon = R @ by_omega @ R.T, R @ by_epsilon @ R.T
-        # Turning the platform by dtheta turns the moment with it, and omega and epsilon, which stay, against it.
-        by_turning = (
-            by_omega @ ca.skew(self.omega) + by_epsilon @ ca.skew(self.epsilon) - ca.skew(self._euler())
-        )
-        return Slopes(*(_angular(-block) for block in (by_turning, by_omega, by_epsilon)))
+        """Slopes of the moment that the platform's turning takes: I epsilon + omega x I omega, world axes."""
+        inertia = self.rotation @ self.inertia @ self.rotation.T
+        inertia = ca.triu2symm(ca.triu(inertia))
+        turning, spin = ca.skew(self.omega), inertia @ self.omega
+        moment = inertia @ self.epsilon + ca.cross(self.omega, spin)
+        by_omega = turning @ inertia - ca.skew(spin)
+        # Turned by dtheta, the platform sees omega and epsilon, which stay, turned the other way.
+        by_pose = by_omega @ turning + inertia @ ca.skew(self.epsilon) - ca.skew(moment)
+        return Slopes(*(_angular(block) for block in (by_pose, by_omega, inertia)))
 
 
 def _wrench(arm: ca.SX, force: ca.SX) -> ca.SX:
@@ -189,6 +192,18 @@ def _wrench(arm: ca.SX, force: ca.SX) -> ca.SX:
 def _wrenches(arm: ca.SX, forces: ca.SX) -> ca.SX:
     """Wrenches (6, m) of forces (3, m) at `arm`."""
     return ca.vertcat(forces, ca.skew(arm) @ forces)
+
+
+def _symmetric(mass: ca.SX, turned: ca.SX, across: ca.SX) -> ca.SX:
+    """Slope (6, 6) by acceleration of the wrench of a force at a point: a mass matrix, each entry once.
+
+    Args:
+        mass: (3, 3) symmetric, slope of the force by the point's acceleration.
+        turned: mass [c]x.
+        across: [c]x.
+    """
+    corner = ca.triu(-across @ turned)
+    return ca.blockcat([[mass, -turned], [-turned.T, ca.triu2symm(corner)]])
 
 
 def _angular(block: ca.SX) -> ca.SX:

@@ -1,7 +1,7 @@
-"""Linear systems J X = B of six unknowns without a branch, which every lane of a SIMD unit can share.
+"""Linear systems J x = b of six unknowns without a branch, which every lane of a SIMD unit can share.
 
-Modified Gram-Schmidt on the columns of J and B together. The right-hand sides are columns like the
-others, never products with a Q that has lost its orthogonality; so the solve is backward stable, as
+Modified Gram-Schmidt on the columns of J and b together. The right-hand side is a column like the
+others, never a product with a Q that has lost its orthogonality; so the solve is backward stable, as
 Householder's is (Bjorck, BIT 7, 1967; Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed.,
 theorem 20.3). CasADi's own symbolic solve is the classical form, which loses cond(J)^2.
 No square root, no comparison, and one division a column.
@@ -17,26 +17,53 @@ import casadi as ca
 _HADAMARD = 5.0**5
 
 
-def solve(J: ca.SX, right: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Returns X (6, m) with J X = right, and the square of the determinant of J.
+class Factors:
+    """J = Q D R, columns of Q at right angles, D their squared lengths inverted, R with a unit diagonal.
 
-    Args:
-        J: (6, 6), rows of comparable size.
-        right: (6, m).
+    Attributes:
+        determinant_squared: of J.
     """
-    columns = ca.horzsplit(ca.horzcat(ca.densify(J), right))
-    upper: list[list[ca.SX]] = []
-    squares: list[ca.SX] = []
-    for _ in range(6):
-        head, *rest = columns
-        square = _dot(head, head)
-        inverse = 1 / square
-        row = [_dot(head, column) * inverse for column in rest]
-        columns = [column - factor * head for column, factor in zip(rest, row, strict=True)]
-        upper.append(row)
-        squares.append(square)
-    solutions = [_back_substituted(upper, 6 + k) for k in range(right.size2())]
-    return ca.horzcat(*solutions), reduce(ca.times, squares)
+
+    def __init__(self, J: ca.SX) -> None:
+        columns = ca.horzsplit(ca.densify(J))
+        self._columns: list[ca.SX] = []
+        self._inverses: list[ca.SX] = []
+        self._upper: list[list[ca.SX]] = []
+        squares: list[ca.SX] = []
+        while columns:
+            head, *columns = columns
+            squares.append(_dot(head, head))
+            self._columns.append(head)
+            self._inverses.append(1 / squares[-1])
+            row = [self._shared(head, column) for column in columns]
+            columns = [column - factor * head for column, factor in zip(columns, row, strict=True)]
+            self._upper.append(row)
+        self.determinant_squared = reduce(ca.times, squares)
+
+    def solve(self, right: ca.SX) -> ca.SX:
+        """Returns x (6,) with J x = right, backward stable."""
+        shares = []
+        for head, inverse in zip(self._columns, self._inverses, strict=True):
+            shares.append(_dot(head, right) * inverse)
+            right = right - shares[-1] * head
+        return self._back_substituted(shares)
+
+    def inverse(self) -> ca.SX:
+        """Returns J^-1, with errors of cond(J) unit roundoffs of its norm, as any explicit inverse has."""
+        rows = [(inverse * head).T for head, inverse in zip(self._columns, self._inverses, strict=True)]
+        return self._back_substituted(rows)
+
+    def _shared(self, head: ca.SX, column: ca.SX) -> ca.SX:
+        return _dot(head, column) * self._inverses[-1]
+
+    def _back_substituted(self, right: list[ca.SX]) -> ca.SX:
+        """Returns X with R X = the rows of `right`."""
+        X: list[ca.SX] = []
+        for row, upper in zip(reversed(right), reversed(self._upper), strict=True):
+            for factor, known in zip(upper, reversed(X), strict=True):
+                row = row - factor * known
+            X.append(row)
+        return ca.vertcat(*reversed(X))
 
 
 def regularity(determinant_squared: ca.SX, frobenius_squared: float) -> ca.SX:
@@ -47,16 +74,6 @@ def regularity(determinant_squared: ca.SX, frobenius_squared: float) -> ca.SX:
         frobenius_squared: upper bound of the sum of all squared entries of J.
     """
     return determinant_squared * (_HADAMARD / frobenius_squared**6)
-
-
-def _back_substituted(upper: list[list[ca.SX]], column: int) -> ca.SX:
-    """Returns x with R x = the column, R having ones on its diagonal; row k begins right of it."""
-    x: list[ca.SX] = []
-    for k in reversed(range(6)):
-        row = upper[k]
-        known = zip(row[: 5 - k], x[::-1], strict=True)
-        x.append(reduce(lambda left, term: left - term[0] * term[1], known, row[column - k - 1]))
-    return ca.vertcat(*x[::-1])
 
 
 def _dot(a: ca.SX, b: ca.SX) -> ca.SX:
