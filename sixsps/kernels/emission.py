@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 CAPACITY = 1024
 """Room for the constants of a mechanism."""
 
+_LEGS = 6
+_OF_LEGS = ("legs", "rows")
+_RENAMED = {"total": "sums"}
 # cond(J) below 5e11: half of where a pose counts as singular.
 _REGULAR = 4e-24
 _tools: Any = cgutils  # untyped in Numba
@@ -58,17 +61,23 @@ def samples(_context: Any, name: Any, width: Any, inputs: Any, constants: Any, o
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         kinds, values = signature.args, arguments
-        function = name.literal_value.split()[0]
-        arrays = SIGNATURES[function].arrays
-        writer = _Writer(builder, _graph(function), width.literal_value)
+        function, row = name.literal_value.split()[0], values[5]
+        arrays, outputs = SIGNATURES[function].arrays, SIGNATURES[function].outputs
+        first, *others = _program(function)
+        memory = _Memory(builder, width.literal_value)
+        writer = _Writer(builder, first, width.literal_value)
         sources = _pointers(context, builder, kinds[2], values[2])
         for (array, columns), source in zip(arrays.items(), sources, strict=True):
-            writer.read_samples(array, columns, source, values[5])
+            writer.read_samples(array, columns, source, row)
         writer.read_constants(_pointer(context, builder, kinds[3], values[3]))
-        writer.compute(writer.graph.per_sample)
-        targets = _pointers(context, builder, kinds[4], values[4])
-        for output, target in zip(SIGNATURES[function].outputs, targets, strict=True):
-            writer.write(writer.graph.outputs[output], target, values[5])
+        writer.compute(first.per_sample)
+        targets = dict(zip(outputs, _pointers(context, builder, kinds[4], values[4]), strict=True))
+        memory.keep(writer, targets, row)
+        if others:
+            leg, tail = others
+            with _tools.for_range(builder, ir.Constant(_INDEX, _LEGS)) as loop:
+                memory.evaluated(leg, loop.index)
+            memory.keep(memory.evaluated(tail), targets, row)
         return writer.all_regular()
 
     return signature, generate
@@ -86,7 +95,7 @@ def constants(_context: Any, name: Any, parameters: Any, out: Any) -> Any:
     signature = types.void(name, parameters, out)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        writer = _Writer(builder, _graph(name.literal_value.split()[0]), 1)
+        writer = _Writer(builder, _program(name.literal_value.split()[0])[0], 1)
         if len(writer.graph.constants) > CAPACITY:
             raise NotImplementedError(f"{len(writer.graph.constants)} constants of a mechanism")
         writer.read_parameters(_pointer(context, builder, signature.args[1], arguments[1]))
@@ -98,10 +107,10 @@ def constants(_context: Any, name: Any, parameters: Any, out: Any) -> Any:
     return signature, generate
 
 
-def _graph(function: str) -> Graph:
-    from sixsps.kernels.graph import graph  # only where there is something to compile: it takes CasADi
+def _program(function: str) -> tuple[Graph, ...]:
+    from sixsps.kernels.graph import program  # only where there is something to compile: it takes CasADi
 
-    return graph(function)
+    return program(function)
 
 
 def _pointer(context: Any, builder: Any, kind: Any, array: Any) -> Any:
@@ -113,8 +122,65 @@ def _pointers(context: Any, builder: Any, kind: Any, arrays: Any) -> list[Any]:
     return [_pointer(context, builder, one, array) for one, array in pairs]
 
 
+class _Memory:
+    """What one step of a program leaves on the stack for the next, a vector a value."""
+
+    def __init__(self, builder: Any, width: int) -> None:
+        self._builder, self._width = builder, width
+        self._type = ir.VectorType(_DOUBLE, width) if width > 1 else _DOUBLE
+        self._places: dict[str, Any] = {}
+        self._sizes: dict[str, int] = {}
+
+    def keep(self, writer: _Writer, targets: dict[str, Any], row: Any) -> None:
+        """Stores what a step has made: a row a lane where it has a target, else for the next step."""
+        for name, numbers in writer.graph.outputs.items():
+            if name in targets:
+                writer.write(numbers, targets[name], row)
+            elif name != REGULARITY:
+                self._store(name, [writer.values[number] for number in numbers])
+
+    def evaluated(self, graph: Graph, leg: Any = None) -> _Writer:
+        """Evaluates a later step, that of one leg with this number and its rows of what is kept."""
+        writer = _Writer(self._builder, graph, self._width)
+        for number in graph.per_sample:
+            node = graph.nodes[number]
+            if node.operation == "INPUT":
+                of_leg = leg is not None and node.array in _OF_LEGS
+                size = self._sizes[node.array] // _LEGS if of_leg else 0
+                writer.values[number] = self._builder.load(
+                    self._place(node.array, node.column, size, leg), typ=self._type
+                )
+        writer.read_numbers()
+        writer.compute(graph.per_sample)
+        if leg is not None:
+            for name, numbers in graph.outputs.items():
+                self._store(name, [writer.values[number] for number in numbers], leg)
+        return writer
+
+    def _store(self, name: str, values: list[Any], leg: Any = None) -> None:
+        name = _RENAMED.get(name, name)
+        of_leg = leg is not None and name in _OF_LEGS
+        if name not in self._places:
+            self._sizes[name] = len(values) * (_LEGS if of_leg else 1)
+            self._places[name] = _tools.alloca_once(self._builder, self._type, size=self._sizes[name])
+        for column, value in enumerate(values):
+            place = self._place(name, column, len(values) if of_leg else 0, leg)
+            self._builder.store(value, place)
+
+    def _place(self, name: str, column: int, size: int, leg: Any) -> Any:
+        place = ir.Constant(_INDEX, column)
+        if size:
+            place = self._builder.add(self._builder.mul(leg, ir.Constant(_INDEX, size)), place)
+        return self._builder.gep(self._places[name], [place], source_etype=self._type)
+
+
 class _Writer:
-    """Values of a graph as LLVM values, one vector a number, in the order in which they are made."""
+    """Writes out a graph.
+
+    Attributes:
+        graph: to be written.
+        values: number -> LLVM value, a vector of as many lanes as there are samples.
+    """
 
     def __init__(self, builder: Any, graph: Graph, width: int) -> None:
         self.graph = graph
@@ -123,7 +189,7 @@ class _Writer:
         # Most values visit the stack, where LLVM by itself lets half of the vectors straddle cache lines.
         builder.function.attributes.add("nounwind")  # without one, llvmlite does not write the next
         builder.function.attributes.alignstack = 64
-        self._values: dict[int, Any] = {}
+        self.values: dict[int, Any] = {}
 
     def read_samples(self, array: str, columns: int, source: Any, row: Any) -> None:
         """Makes the inputs that come from an array of `columns` columns: one load, then one shuffle each."""
@@ -133,38 +199,43 @@ class _Writer:
             node = self.graph.nodes[number]
             if node.operation == "INPUT" and node.array == array:
                 lanes = range(node.column, self._width * columns, columns)
-                self._values[number] = self._picked(rows, rows, list(lanes))
+                self.values[number] = self._picked(rows, rows, list(lanes))
 
     def read_constants(self, source: Any) -> None:
         """Makes the constants of the mechanism, the same in every lane."""
         for place, number in enumerate(self.graph.constants):
             node = self.graph.nodes[number]
             if node.operation == "CONSTANT":
-                self._values[number] = self._constant(node.value)
+                self.values[number] = self._constant(node.value)
             else:
                 scalar = self._load(source, ir.Constant(_INDEX, place), self._vector(1))
-                self._values[number] = self._picked(scalar, scalar, [0] * self._width)
+                self.values[number] = self._picked(scalar, scalar, [0] * self._width)
+
+    def read_numbers(self) -> None:
+        """Makes plain numbers, where nothing else is constant."""
+        for number in self.graph.per_mechanism:
+            self.values[number] = self._constant(self.graph.nodes[number].value)
 
     def read_parameters(self, source: Any) -> None:
         """Makes the entries of the parameter vector and plain numbers."""
         for number in self.graph.per_mechanism:
             node = self.graph.nodes[number]
             if node.operation == "CONSTANT":
-                self._values[number] = self._constant(node.value)
+                self.values[number] = self._constant(node.value)
             elif node.operation == "PARAMETER":
                 scalar = self._load(source, ir.Constant(_INDEX, node.column), self._vector(1))
-                self._values[number] = self._picked(scalar, scalar, [0])
+                self.values[number] = self._picked(scalar, scalar, [0])
 
     def compute(self, numbers: tuple[int, ...]) -> None:
         """Makes all values that are not read."""
         for number in numbers:
-            if number not in self._values:
-                self._values[number] = self._operation(self.graph.nodes[number])
+            if number not in self.values:
+                self.values[number] = self._operation(self.graph.nodes[number])
 
     def write(self, numbers: tuple[int, ...], target: Any, row: Any) -> None:
         """Stores values as a row a lane."""
         start = self._builder.mul(row, ir.Constant(_INDEX, len(numbers)))
-        values = [self._values[number] for number in numbers]
+        values = [self.values[number] for number in numbers]
         for first in range(0, len(values), self._width):
             block = values[first : first + self._width]
             for lane, entries in enumerate(self._transposed(block)):
@@ -176,7 +247,7 @@ class _Writer:
         entries = self.graph.outputs.get(REGULARITY)
         if entries is None:
             return ir.Constant(ir.IntType(1), 1)
-        regular = self._builder.fcmp_ordered(">=", self._values[entries[0]], self._constant(_REGULAR))
+        regular = self._builder.fcmp_ordered(">=", self.values[entries[0]], self._constant(_REGULAR))
         if self._width == 1:
             return regular
         lanes = ir.IntType(self._width)
@@ -185,7 +256,7 @@ class _Writer:
         )
 
     def _operation(self, node: Node) -> Any:
-        a, b, c = (*(self._values[number] for number in node.arguments), None, None)[:3]
+        a, b, c = (*(self.values[number] for number in node.arguments), None, None)[:3]
         build = self._builder
         match node.operation:
             case "ADD":

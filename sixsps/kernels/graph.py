@@ -34,8 +34,8 @@ class Node:
         operation: one of `OPERATIONS`, or "CONSTANT", "INPUT", "PARAMETER".
         arguments: numbers of the values that it is made from.
         value: of a constant.
-        array: that an input is read from, a name of `Motion`.
-        column: in that array, or in the parameter vector.
+        array: that an input is read from, a name of `Motion`, or an output of the step before.
+        column: in that array, rows first, or in the parameter vector.
     """
 
     operation: str
@@ -78,8 +78,19 @@ class Graph:
 @cache
 def graph(name: str) -> Graph:
     """Returns the graph of the function of this name in `sixsps.symbolic`."""
-    function = getattr(symbolic, name)
-    return read(function(stages=True) if name == "force_derivatives" else function())
+    return read(getattr(symbolic, name)())
+
+
+@cache
+def program(name: str) -> tuple[Graph, ...]:
+    """Returns the graphs that evaluate a function of `sixsps.symbolic` one after the other.
+
+    One, or three of which the second is for each leg: before the legs, one leg, after the legs. Code that
+    loops over the legs is a third as long, and fits into the processor's cache of instructions.
+    """
+    if name == "force_derivatives":
+        return tuple(read(step) for step in symbolic.force_derivative_steps())
+    return (graph(name),)
 
 
 def read(function: ca.Function) -> Graph:
@@ -106,15 +117,15 @@ class _Reader:
             name = _NAMES[function.instruction_id(k)]
             inputs, outputs = function.instruction_input(k), function.instruction_output(k)
             if name == "OUTPUT":
-                found[outputs[0]][_by_rows(function, *outputs)] = work[inputs[0]]
+                place = _by_rows(function.size_out(outputs[0]), outputs[1])
+                found[outputs[0]][place] = work[inputs[0]]
             elif name == "INPUT":
-                work[outputs[0]] = self._number(_input(function.name_in(inputs[0]), inputs[1]))
+                work[outputs[0]] = self._number(_input(function, *inputs))
             elif name == "CONST":
                 work[outputs[0]] = self._number(Node("CONSTANT", value=function.instruction_constant(k)))
             else:
                 work[outputs[0]] = self._operation(name, tuple(work[i] for i in inputs))
-        names = enumerate(function.name_out(i) for i in range(function.n_out()))
-        self.outputs = {name: tuple(found[i]) for i, name in names if not name.startswith(symbolic.STAGE)}
+        self.outputs = {function.name_out(i): tuple(found[i]) for i in range(function.n_out())}
 
     def _number(self, node: Node) -> int:
         if node not in self._numbers:
@@ -137,19 +148,20 @@ class _Reader:
         return self._number(Node(name, tuple(sorted(arguments)) if name in _COMMUTATIVE else arguments))
 
 
-def _by_rows(function: ca.Function, output: int, entry: int) -> int:
-    rows, columns = function.size_out(output)
+def _by_rows(size: tuple[int, int], entry: int) -> int:
+    rows, columns = size
     return entry % rows * columns + entry // rows
 
 
-def _input(name: str, entry: int) -> Node:
+def _input(function: ca.Function, index: int, entry: int) -> Node:
+    name = function.name_in(index)
     if name == _PARAMETERS:
         return Node("PARAMETER", column=entry)
-    for array, width in MOTION_COLUMNS[name]:
+    for array, width in MOTION_COLUMNS.get(name, ()):
         if entry < width:
             return Node("INPUT", array=array, column=entry)
         entry -= width
-    raise IndexError(entry)
+    return Node("INPUT", array=name, column=_by_rows(function.size_in(index), entry))
 
 
 def _finished(nodes: list[Node], outputs: dict[str, tuple[int, ...]]) -> Graph:

@@ -26,11 +26,10 @@ from sixsps.motion import Motion
 from sixsps.parameters import MOTION_COLUMNS
 from sixsps.parameters import PARAMETERS as PARAMETERS
 from sixsps.parameters import parameter_vector as parameter_vector
-from sixsps.symbolic.model import SLOPES, Model
+from sixsps.symbolic import derivatives
+from sixsps.symbolic.model import Model
+from sixsps.symbolic.slopes import NAMES
 from sixsps.symbolic.solve import Factors, regularity
-
-STAGE = "stage"
-"""How the names of outputs begin that are there for the order of a function only."""
 
 _POSE = ("pose", "parameters")
 _TWIST = ("pose", "twist", "parameters")
@@ -88,29 +87,44 @@ def forces() -> ca.Function:
     return _function("forces", _MOTION, {"F": _forces(), "regularity": _regularity()})
 
 
-@lru_cache(maxsize=2)
-def force_derivatives(stages: bool = False) -> ca.Function:
+@lru_cache(maxsize=1)
+def force_derivatives() -> ca.Function:
     """Returns the function from the inputs of `forces` to its outputs and the exact derivatives of F.
 
     by_pose (6, 6) for a left perturbation [dp; dtheta] in world axes, by_twist, by_acceleration and
-    by_wrench (6, 6). From J F = C they solve J dF = dC - dJ F.
-
-    Args:
-        stages: adds outputs `stage..` for what is known after each leg. CasADi orders a function by
-            its outputs: in this order fewer values wait for their use.
+    by_wrench (6, 6): the three functions of `force_derivative_steps` joined.
     """
+    head, leg, tail = force_derivative_steps()
+    inputs = {name: _model().inputs[name] for name in _MOTION}
+    known = head.call(inputs)
+    rows = []
+    for k in range(6):
+        one = leg.call({"legs": known["legs"][k, :], "shared": known["shared"], "sums": known["sums"]})
+        known["sums"] = one["total"]
+        rows.append(one["rows"])
+    known["rows"] = ca.vertcat(*rows)
+    slopes = tail.call({name: known[name] for name in tail.name_in()})
+    names = ("F", *NAMES, "by_wrench", "regularity")
+    return _function("force_derivatives", _MOTION, {name: (known | slopes)[name] for name in names})
+
+
+@lru_cache(maxsize=1)
+def force_derivative_steps() -> tuple[ca.Function, ca.Function, ca.Function]:
+    """Returns the three functions that `force_derivatives` is made of; see `derivatives.py`."""
     model, F = _model(), _forces()
-    sums = model.residual_slopes(F)
-    known = [getattr(one, name) for one in sums for name in SLOPES] if stages else []
-    by_motion = {name: _inverse() @ getattr(sums[-1], name) for name in SLOPES}
+    points, spread = model.platform_slopes()
     outputs = {
         "F": F,
-        **{f"{STAGE}{index}": stage for index, stage in enumerate(known)},
-        **by_motion,
         "by_wrench": _inverse() @ model.wrench_slope(),
+        "inverse": _inverse(),
+        **derivatives.head(model.states, F, model.omega, model.epsilon, model.gravity, points, spread),
         "regularity": _regularity(),
     }
-    return _function("force_derivatives", _MOTION, outputs)
+    return (
+        _function("force_derivatives_head", _MOTION, outputs),
+        _joined("force_derivatives_leg", *derivatives.leg_step()),
+        _joined("force_derivatives_tail", *derivatives.tail_step()),
+    )
 
 
 @lru_cache(maxsize=1)
@@ -206,7 +220,10 @@ def _regularity() -> ca.SX:
     return bound
 
 
-def _function(name: str, inputs: tuple[str, ...], outputs: dict[str, ca.SX]) -> ca.Function:
-    symbols = [_model().inputs[key] for key in inputs]
+def _joined(name: str, inputs: dict[str, ca.SX], outputs: dict[str, ca.SX]) -> ca.Function:
     expressions = ca.cse([ca.densify(output) for output in outputs.values()])
-    return ca.Function(name, symbols, expressions, list(inputs), list(outputs))
+    return ca.Function(name, list(inputs.values()), expressions, list(inputs), list(outputs))
+
+
+def _function(name: str, inputs: tuple[str, ...], outputs: dict[str, ca.SX]) -> ca.Function:
+    return _joined(name, {key: _model().inputs[key] for key in inputs}, outputs)

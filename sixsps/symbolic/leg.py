@@ -21,6 +21,8 @@ import casadi as ca
 LINKS = 8
 """Numbers that describe the two links of a leg: mass, com, transverse, axial of lower and upper."""
 
+_MOMENTS = 4
+
 
 @dataclass(frozen=True, eq=False)
 class Leg:
@@ -45,7 +47,7 @@ class Leg:
 
 @dataclass(frozen=True, eq=False)
 class _Scalars:
-    """The scalars that coefficients depend on, as symbols."""
+    """The scalars that coefficients depend on."""
 
     inverse: ca.SX  # 1 / l, in which everything is a polynomial
     rate: ca.SX
@@ -60,6 +62,62 @@ class _Scalars:
 
     def all(self) -> ca.SX:
         return ca.vertcat(self.inverse, self.rate, self.speed_squared, self.pull, self.weight)
+
+
+@dataclass(frozen=True, eq=False)
+class LegState:
+    """Everything that the forces of a leg and their slopes are made of.
+
+    Attributes:
+        arm: c (3,), from O1 to the platform joint [m].
+        vectors: s, S', S'', g as columns (3, 4).
+        scalars: what coefficients depend on.
+        moments: (4,) mass of the upper link, its first moment from B towards A with a minus sign, the
+            second moment of both links about their joints, the first moment of both along s.
+    """
+
+    arm: ca.SX
+    vectors: ca.SX
+    scalars: _Scalars
+    moments: ca.SX
+
+    SIZE = 3 + 9 + 5 + _MOMENTS
+    """Numbers that `packed` takes."""
+
+    @classmethod
+    def of(cls, arm: ca.SX, joint: tuple[ca.SX, ca.SX, ca.SX], gravity: ca.SX, links: ca.SX) -> LegState:
+        """Returns the state of a leg.
+
+        Args:
+            arm: (3,) from O1 to the platform joint [m].
+            joint: S (3,) from base joint to platform joint, and its first two derivatives.
+            gravity: (3,) [m/s^2].
+            links: (8,) mass, com, transverse and axial inertia of the lower and the upper link.
+        """
+        S, dS, ddS = joint
+        inverse = 1 / ca.sqrt(ca.dot(S, S))
+        s = S * inverse
+        scalars = _Scalars(inverse, ca.dot(s, dS), ca.dot(dS, dS), ca.dot(s, ddS), ca.dot(s, gravity))
+        return cls(arm, ca.horzcat(s, dS, ddS, gravity), scalars, _moments(links))
+
+    def packed(self) -> ca.SX:
+        """Returns all but gravity as a column (SIZE,)."""
+        return ca.vertcat(self.arm, ca.vec(self.vectors[:, :3]), self.scalars.all(), self.moments)
+
+    @classmethod
+    def unpacked(cls, column: ca.SX, gravity: ca.SX) -> LegState:
+        """Returns the state that `packed` has written."""
+        arm, vectors, scalars, moments = ca.vertsplit(column, [0, 3, 12, 17, cls.SIZE])
+        moving = ca.horzcat(ca.reshape(vectors, 3, 3), gravity)
+        return cls(arm, moving, _Scalars(*ca.vertsplit(scalars)), moments)
+
+
+def _moments(links: ca.SX) -> ca.SX:
+    m_d, e_d, I_d, _, m_u, e_u, I_u, _ = ca.vertsplit(links)
+    # The lower link stands on A at rest; the upper one hangs on B, at A + S, towards A.
+    moment = -m_u * e_u
+    second = (I_d + m_d * e_d * e_d) + (I_u + m_u * e_u * e_u)
+    return ca.vertcat(m_u, moment, second, m_d * e_d + moment)
 
 
 class _Span:
@@ -92,65 +150,59 @@ class _Span:
 
 @lru_cache(maxsize=1)
 def _coefficients() -> tuple[_Scalars, ca.SX, ca.SX, ca.SX]:
-    """Returns the scalars, the links' numbers, the coefficients of Q, and the kinetic energy."""
+    """Returns symbols of scalars and moments, the coefficients of Q, and the kinetic energy."""
     names = ("inverse", "rate", "speed_squared", "pull", "weight")
-    scalars, links = _Scalars(*(ca.SX.sym(name) for name in names)), ca.SX.sym("links", LINKS)
+    scalars, moments = _Scalars(*(ca.SX.sym(name) for name in names)), ca.SX.sym("moments", _MOMENTS)
     span = _Span(scalars)
-    m_d, e_d, I_d, _, m_u, e_u, I_u, _ = ca.vertsplit(links)
-    # The lower link stands on A at rest; the upper one hangs on B, at A + S, towards A.
-    moment = -m_u * e_u
-    second = (I_d + m_d * e_d * e_d) + (I_u + m_u * e_u * e_u)
-    p = m_u * span.velocity + moment * span.turning
+    mass, moment, second, first = ca.vertsplit(moments)
+    p = mass * span.velocity + moment * span.turning
     p_s = moment * span.velocity + second * span.turning
-    at_joint = span.rate_of(p) - m_u * span.gravity
-    at_direction = span.rate_of(p_s) - (m_d * e_d + moment) * span.gravity
+    at_joint = span.rate_of(p) - mass * span.gravity
+    at_direction = span.rate_of(p_s) - first * span.gravity
     Q = at_joint + span.across(at_direction) * scalars.inverse
     kinetic = (span.product(p, span.velocity) + span.product(p_s, span.turning)) / 2
-    return scalars, links, Q, kinetic
+    return scalars, moments, Q, kinetic
 
 
-def _values(S: ca.SX, dS: ca.SX, ddS: ca.SX, gravity: ca.SX) -> tuple[_Scalars, ca.SX]:
-    """Returns the scalars of a leg in motion, and the vectors s, S', S'', g as columns (3, 4)."""
-    inverse = 1 / ca.sqrt(ca.dot(S, S))
-    s = S * inverse
-    scalars = _Scalars(inverse, ca.dot(s, dS), ca.dot(dS, dS), ca.dot(s, ddS), ca.dot(s, gravity))
-    return scalars, ca.horzcat(s, dS, ddS, gravity)
+def leg(state: LegState) -> Leg:
+    """Returns what a leg does."""
+    at, vectors = state.scalars, state.vectors
+    symbols, moments, Q, kinetic = _coefficients()
+    Q, kinetic = ca.substitute([Q, kinetic], [symbols.all(), moments], [at.all(), state.moments])
+    return Leg(1 / at.inverse, vectors[:, 0], at.rate, at.acceleration, vectors @ Q, kinetic)
 
 
-def leg(S: ca.SX, dS: ca.SX, ddS: ca.SX, gravity: ca.SX, links: ca.SX) -> Leg:
-    """Returns what a leg does.
+@dataclass(frozen=True, eq=False)
+class LegSlopes:
+    """Derivatives of w = Q - s F, what a leg takes with its actuator, by S, S' and S''.
 
-    Args:
-        S: (3,) from base joint to platform joint [m].
-        dS: (3,) its first derivative [m/s].
-        ddS: (3,) its second derivative [m/s^2].
-        gravity: (3,) [m/s^2].
-        links: (8,) mass, com, transverse and axial inertia of the lower and the upper link.
+    Each is  equal E + V inner V^T,  V having the columns s, S', S'', g.
+
+    Attributes:
+        vectors: V (3, 4).
+        force: w (3,).
+        equal: three scalars, for S, S', S''.
+        inner: three matrices (4, 4), with entries in row 0, in column 0 and at (1, 1) only.
     """
-    at, vectors = _values(S, dS, ddS, gravity)
-    symbols, numbers, Q, kinetic = _coefficients()
-    Q, kinetic = ca.substitute([Q, kinetic], [symbols.all(), numbers], [at.all(), links])
-    return Leg(ca.sqrt(ca.dot(S, S)), vectors[:, 0], at.rate, at.acceleration, vectors @ Q, kinetic)
+
+    vectors: ca.SX
+    force: ca.SX
+    equal: tuple[ca.SX, ca.SX, ca.SX]
+    inner: tuple[ca.SX, ca.SX, ca.SX]
 
 
-def joint_force_slopes(
-    S: ca.SX, dS: ca.SX, ddS: ca.SX, gravity: ca.SX, links: ca.SX, force: ca.SX
-) -> list[ca.SX]:
-    """Returns the derivatives (3, 3) of Q - s F, what a leg takes with its actuator, by S, S' and S''.
+def leg_slopes(state: LegState, force: ca.SX) -> LegSlopes:
+    """Returns how what a leg takes depends on its motion.
 
     Args:
-        S: (3,) from base joint to platform joint [m].
-        dS: (3,) its first derivative [m/s].
-        ddS: (3,) its second derivative [m/s^2].
-        gravity: (3,) [m/s^2].
-        links: (8,) as for `leg`.
+        state: of the leg.
         force: F, of the actuator, held [N].
     """
-    at, vectors = _values(S, dS, ddS, gravity)
-    symbols, numbers, Q, _ = _coefficients()
+    at = state.scalars
+    symbols, moments, Q, _ = _coefficients()
     F = ca.SX.sym("F")
     k = ca.vertcat(Q[0] - F, Q[1:])
-    old, new = [symbols.all(), numbers, F], [at.all(), links, force]
+    old, new = [symbols.all(), moments, F], [at.all(), state.moments, force]
     k, slopes = ca.substitute([k, ca.jacobian(k, symbols.all())], old, new)
     span = _Span(at)
     # Gradients of the five scalars by S, S' and S'', a row each in the order of `_Scalars`.
@@ -159,16 +211,8 @@ def joint_force_slopes(
     by_S = [-at.inverse * at.inverse * span.s.T, span.turning.T, zero, pull, weight]
     by_dS = [zero, span.s.T, 2 * span.velocity.T, zero, zero]
     by_ddS = [zero, zero, zero, span.s.T, zero]
-    inner = [slopes @ ca.vertcat(*rows) for rows in (by_S, by_dS, by_ddS)]
+    inner_S, inner_dS, inner_ddS = (slopes @ ca.vertcat(*rows) for rows in (by_S, by_dS, by_ddS))
     # The vector s itself turns with S, by (E - s s^T) / l.
     turning = k[0] * at.inverse
-    inner[0] -= turning * (span.s @ span.s.T)
-    plain = (turning, k[1], k[2])
-    return [own * ca.SX.eye(3) + _in_world(vectors, one) for own, one in zip(plain, inner, strict=True)]
-
-
-def _in_world(vectors: ca.SX, matrix: ca.SX) -> ca.SX:
-    """Returns V M V^T (3, 3), for M with entries in row 0, in column 0 and at (1, 1) only."""
-    s, velocity = vectors[:, 0], vectors[:, 1]
-    squares = matrix[0, 0] * (s @ s.T) + matrix[1, 1] * (velocity @ velocity.T)
-    return squares + s @ (vectors[:, 1:] @ matrix[0, 1:].T).T + (vectors[:, 1:] @ matrix[1:, 0]) @ s.T
+    inner_S -= turning * (span.s @ span.s.T)
+    return LegSlopes(state.vectors, state.vectors @ k, (turning, k[1], k[2]), (inner_S, inner_dS, inner_ddS))

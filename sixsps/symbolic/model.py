@@ -6,19 +6,17 @@ leg exerts on its platform joint (`leg.py`) they give the balance of wrenches
 
     C - J F = sum over the joints of [w; c x w] and what the platform's own motion takes = 0,
 
-w = Q - s F being what a leg with its actuator takes at its joint. Its slopes are the sums of those of its
-parts: a leg feels position, velocity and acceleration of its platform joint, and each of these depends on
-pose, twist and acceleration of the platform in closed form.
+w = Q - s F being what a leg with its actuator takes at its joint; its slopes are put together in
+`slopes.py`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import casadi as ca
 
 from sixsps.parameters import MOTION_COLUMNS, PARAMETERS
-from sixsps.symbolic.leg import LINKS, Leg, joint_force_slopes, leg
+from sixsps.symbolic.leg import LINKS, Leg, LegState, leg
+from sixsps.symbolic.slopes import Points, Slopes
 
 _E = ca.SX.eye(3)
 
@@ -32,24 +30,6 @@ class _Reader:
     def take(self, size: int) -> ca.SX:
         start, self._next = self._next, self._next + size
         return self._vector[start : self._next]
-
-
-@dataclass(frozen=True, eq=False)
-class Slopes:
-    """Derivatives (rows, 6) with respect to pose, twist and acceleration of the platform.
-
-    The pose is perturbed to (P + dp, exp([dtheta]x) R); the others keep their world components.
-    """
-
-    by_pose: ca.SX
-    by_twist: ca.SX
-    by_acceleration: ca.SX
-
-    def __add__(self, other: Slopes) -> Slopes:
-        return Slopes(*(getattr(self, name) + getattr(other, name) for name in SLOPES))
-
-
-SLOPES = ("by_pose", "by_twist", "by_acceleration")
 
 
 class Model:
@@ -81,7 +61,10 @@ class Model:
         self.links = [reader.take(LINKS) for _ in range(6)]
         self.arms = [self.rotation @ anchor for anchor in ca.horzsplit(anchors)]
         self.lever = self.rotation @ self.com
-        self.legs: list[Leg] = [leg(*self.joint(k), self.gravity, self.links[k]) for k in range(6)]
+        self.states = [
+            LegState.of(self.arms[k], self.joint(k), self.gravity, self.links[k]) for k in range(6)
+        ]
+        self.legs: list[Leg] = [leg(state) for state in self.states]
 
     def joint(self, index: int) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Returns the vector along a leg and its two derivatives: its platform joint's motion."""
@@ -132,45 +115,15 @@ class Model:
             moment += m_d * (base + e_d * one.direction) + m_u * (joint - e_u * one.direction)
         return -ca.dot(self.gravity, moment)
 
-    def residual_slopes(self, forces: ca.SX) -> list[Slopes]:
-        """Returns the slopes of C - J F at given leg forces F (6,).
-
-        As running sums: of the platform, with the first leg, and so on; the last is the whole.
-        """
+    def platform_slopes(self) -> tuple[Points, Slopes]:
+        """Returns what the slopes of C - J F have of the platform itself: its mass, and its turning."""
         load = self.mass * (self.acceleration_of(self.lever) - self.gravity) - self.force
-        platform = self._at_point(self.lever, load, [ca.SX(3, 3), ca.SX(3, 3), self.mass * _E])
-        sums = [platform + self._euler_slopes()]
-        for k, arm in enumerate(self.arms):
-            slopes = joint_force_slopes(*self.joint(k), self.gravity, self.links[k], forces[k])
-            needed = self.legs[k].force - self.legs[k].direction * forces[k]
-            sums.append(sums[-1] + self._at_point(arm, needed, slopes))
-        return sums
+        zero = ca.SX(1, 1)
+        return Points.one(self.lever, (zero, zero, self.mass), load), self._euler_slopes()
 
     def wrench_slope(self) -> ca.SX:
         """Returns the derivative (6, 6) of C - J F with respect to the external wrench."""
-        return -ca.horzcat(_wrenches(self.lever, _E), ca.vertcat(ca.SX(3, 3), _E))
-
-    def _at_point(self, arm: ca.SX, force: ca.SX, slopes: list[ca.SX]) -> Slopes:
-        """Slopes of the wrench of a force at a point of the platform.
-
-        Args:
-            arm: (3,) of the point from O1.
-            force: (3,) there.
-            slopes: derivatives (3, 3) of the force by position, velocity, acceleration of the point.
-        """
-        by_position, by_velocity, by_acceleration = slopes
-        across, turning = ca.skew(arm), ca.skew(self.omega)
-        # d(omega x c) = [omega]x dc and d(epsilon x c + omega x (omega x c)) = field dc, dc = -[c]x dtheta.
-        field = ca.skew(self.epsilon) + turning @ turning
-        moved = by_position + by_velocity @ turning + by_acceleration @ field
-        spun = ca.skew(ca.cross(self.omega, arm)) + turning @ across
-        pose = _wrenches(arm, ca.horzcat(by_position, -moved @ across))
-        lever = ca.vertcat(ca.SX(3, 3), ca.skew(force) @ across)  # (dtheta x c) x w
-        return Slopes(
-            pose + ca.horzcat(ca.SX(6, 3), lever),
-            _wrenches(arm, ca.horzcat(by_velocity, -by_velocity @ across - by_acceleration @ spun)),
-            _symmetric(by_acceleration, by_acceleration @ across, across),
-        )
+        return -ca.horzcat(ca.vertcat(_E, ca.skew(self.lever)), ca.vertcat(ca.SX(3, 3), _E))
 
     def _euler_slopes(self) -> Slopes:
         """Slopes of the moment that the platform's turning takes: I epsilon + omega x I omega, world axes."""
@@ -187,23 +140,6 @@ class Model:
 def _wrench(arm: ca.SX, force: ca.SX) -> ca.SX:
     """Force and moment about O1 of a force at `arm`."""
     return ca.vertcat(force, ca.cross(arm, force))
-
-
-def _wrenches(arm: ca.SX, forces: ca.SX) -> ca.SX:
-    """Wrenches (6, m) of forces (3, m) at `arm`."""
-    return ca.vertcat(forces, ca.skew(arm) @ forces)
-
-
-def _symmetric(mass: ca.SX, turned: ca.SX, across: ca.SX) -> ca.SX:
-    """Slope (6, 6) by acceleration of the wrench of a force at a point: a mass matrix, each entry once.
-
-    Args:
-        mass: (3, 3) symmetric, slope of the force by the point's acceleration.
-        turned: mass [c]x.
-        across: [c]x.
-    """
-    corner = ca.triu(-across @ turned)
-    return ca.blockcat([[mass, -turned], [-turned.T, ca.triu2symm(corner)]])
 
 
 def _angular(block: ca.SX) -> ca.SX:
