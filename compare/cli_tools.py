@@ -60,6 +60,22 @@ def _describe(
 
 
 @export.command()
+def c(
+    mechanism: MechanismName,
+    output: Annotated[Path, typer.Option(metavar="DIR", help="Folder for source, headers and example.")],
+    derivatives: Annotated[
+        bool, typer.Option("--derivatives", help="Also the exact derivatives of the forces.")
+    ] = False,
+) -> None:
+    """Write C99 for controllers: forces, lengths. Example: sixsps export c wu2012 --output controller."""
+    from compare.c_export import export_c
+    from sixsps.mechanism import Mechanism
+
+    for path in export_c(Mechanism.load(mechanism), output, derivatives):
+        typer.echo(str(path))
+
+
+@export.command()
 def driving_functions(
     mechanism: MechanismName,
     motion: MotionName,

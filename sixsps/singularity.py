@@ -10,6 +10,10 @@ from sixsps.arrays import Array
 # would be left, and the forces are reported as NaN instead.
 SINGULAR_CONDITION = 1e12
 
+# Below it a bound of the condition number, with what rounding does to it, says for certain that a pose is
+# no singular one.
+REGULAR_CONDITION = SINGULAR_CONDITION / 2
+
 
 def condition_numbers(jacobian: Array, lengths: Array, characteristic_length: float) -> Array:
     """Returns the 2-norm condition number of the Jacobian with its angular columns made metric.

@@ -15,6 +15,7 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 from sixsps.kernels.signatures import REGULARITY, SIGNATURES
+from sixsps.singularity import REGULAR_CONDITION
 
 if TYPE_CHECKING:
     from sixsps.kernels.graph import Graph, Node
@@ -25,8 +26,7 @@ CAPACITY = 1024
 _LEGS = 6
 _OF_LEGS = ("legs", "rows")
 _RENAMED = {"total": "sums"}
-# cond(J) below 5e11: half of where a pose counts as singular.
-_REGULAR = 4e-24
+_REGULAR = REGULAR_CONDITION**-2
 _tools: Any = cgutils  # untyped in Numba
 _DOUBLE, _INDEX, _LANE = ir.DoubleType(), ir.IntType(64), ir.IntType(32)
 
