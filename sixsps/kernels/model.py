@@ -80,8 +80,8 @@ class CompiledMechanism:
         self.threads = _threads(threads)
         self._parameters = parameter_vector(mechanism)
         self._constants: dict[Signature, Array] = {}
-        self._forces = kernel(FORCES)
-        self._fixed = self._constants_of(self._forces)
+        self._fixed = self._constants_of(kernel(FORCES))
+        self._single = kernel(FORCES).single
 
     def inverse_dynamics(self, motion: Motion, out: Array | None = None) -> Array:
         """Returns the (n, 6) leg forces along a motion [N]; NaN where the pose is singular.
@@ -150,7 +150,7 @@ class CompiledMechanism:
             acceleration, angular_acceleration, force, moment,
         )  # fmt: skip
         try:
-            answer = self._forces.single(arrays, self._fixed, (forces,))
+            answer = self._single(arrays, self._fixed, (forces,))
         except TypeError:  # not vectors, or no array for the result
             answer = MISFIT
         if answer == REGULAR:
