@@ -1,11 +1,12 @@
-# `make compare` runs the main job on the paper's example, `make test` the tests; both make what they need.
+# `make compare` runs the main job on the paper's example, `make test` the tests, `make bench` the benchmarks;
+# all make what they need.
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: compare test install clean
+.PHONY: compare test bench install clean
 
 compare: $(VENV)/installed
 	$(BIN)/sixsps compare --output report
@@ -13,6 +14,13 @@ compare: $(VENV)/installed
 
 test: $(VENV)/tested
 	$(BIN)/python -m pytest -n auto
+
+# Engines are those that are installed; ENGINES=drake,dart adds extras, QUICK=1 only shows that all works,
+# BENCH holds further options.
+comma := ,
+bench: $(VENV)/tested
+	$(PIP) install --constraint constraints.txt --editable '.[dev$(addprefix $(comma),$(ENGINES))]'
+	$(BIN)/python -m benchmarks --output bench $(if $(QUICK),--quick) $(BENCH)
 
 install: $(VENV)/installed
 
@@ -35,4 +43,4 @@ $(VENV)/tested: pyproject.toml constraints.txt $(VENV)/installed
 	@touch $@
 
 clean:
-	rm -rf $(VENV) dist report
+	rm -rf $(VENV) dist report bench

@@ -15,7 +15,7 @@ from sixsps.kinematics import LegKinematics
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
 
-_PACKAGES = ("sixsps", "numpy", "scipy", "casadi", "pin", "xacro", "pyarrow", "python-flint")
+_PACKAGES = ("sixsps", "numpy", "scipy", "casadi", "numba", "pin", "xacro", "pyarrow", "python-flint")
 
 
 def measures(mechanism: Mechanism, motion: Motion, legs: LegKinematics, reference: Array) -> dict[str, Any]:

@@ -4,7 +4,9 @@ Certifying a sample takes a hundred times as long as computing it. At the sample
 certified an engine stands in, and only one that the certified samples confirm. They include, for
 every engine and for two formulations that are always computed, the sample where it is furthest from the
 stand-in in units of what is allowed: a slip of the stand-in anywhere is a difference from an engine
-without it, and the largest such difference is certified.
+without it, and the largest such difference is certified. Where a sample is not certified, an engine that is
+not the stand-in's twin has to agree with it: two that evaluate the same equations bear no witness for
+each other.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compare import metrics
+from compare.registry import ENGINES
 from compare.runner import Outcome
 from compare.tolerances import rounding_reason, tolerance_of
 from sixsps.arrays import Array
@@ -128,10 +131,11 @@ def find_reference(
         for other, forces in candidates.items():
             certifier.add(_furthest(other, forces, stand_in, growth, metrics.scales(stand_in, load), regular))
         found = certifier.reference(name, stand_in, load)
-        if (
-            found is not None
-            and metrics.excess(stand_in, found, tolerance_of(name).relative(growth)).ratio <= 1
-        ):
+        if found is None or metrics.excess(stand_in, found, tolerance_of(name).relative(growth)).ratio > 1:
+            continue
+        witnessed = _witnessed(name, candidates, growth, found.scale)
+        witnessed[found.samples] = True
+        if witnessed[regular].all():
             return found
     alone = certifier.reference("", np.full((len(motion), 6), np.nan), load)
     return alone or _uncertified(first, usable, growth, load, "no sample could be certified")
@@ -152,6 +156,22 @@ def _furthest(
     difference = np.where(np.isnan(difference), np.inf, difference)
     of_allowed = difference / (tolerance_of(name).relative(growth) * scale)
     return np.array([difference.argmax(), np.where(regular, of_allowed, -1.0).argmax()])
+
+
+def _witnessed(name: str, candidates: dict[str, Array], growth: Array, scale: Array) -> NDArray[np.bool_]:
+    """Returns (n,) where an engine of other equations gives the forces of `name`, within both tolerances."""
+    stand_in = candidates[name]
+    agreed = np.zeros(len(stand_in), dtype=bool)
+    for other, forces in candidates.items():
+        if other in ENGINES and _equations(other) != _equations(name):  # a trap bears no witness
+            allowed = (tolerance_of(name).relative(growth) + tolerance_of(other).relative(growth)) * scale
+            agreed |= np.abs(forces - stand_in).max(axis=1) <= allowed
+    return agreed
+
+
+def _equations(engine: str) -> str:
+    """Returns the engine whose equations an engine evaluates: itself, or its twin."""
+    return ENGINES[engine].twin or engine if engine in ENGINES else engine
 
 
 def _uncertified(forces: Array, usable: NDArray[np.intp], growth: Array, load: Array, why: str) -> Reference:

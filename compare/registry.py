@@ -26,6 +26,7 @@ class Entry:
             the requirements of sixsps.
         extra: extra of sixsps that installs it; empty when it is part of the core.
         ups: its class for legs on universal joints; empty when it has none.
+        twin: engine whose code it shares so far that the two can be wrong together; empty for none.
     """
 
     module: str
@@ -34,16 +35,20 @@ class Entry:
     package: str
     extra: str = ""
     ups: str = ""
+    twin: str = ""
 
 
 ENGINES: dict[str, Entry] = {
     "kane": Entry("compare.engines.kane", "Kane", "numpy", "numpy"),
     "casadi": Entry("compare.engines.casadi", "Casadi", "casadi", "casadi"),
+    "fast": Entry("compare.engines.fast", "Fast", "numba", "numba", twin="casadi"),
     "lagrange": Entry("compare.engines.lagrange", "Lagrange", "casadi", "casadi"),
     "newton-euler": Entry("compare.engines.newton_euler", "NewtonEuler", "numpy", "numpy"),
     "virtual-work": Entry("compare.engines.virtual_work", "VirtualWork", "numpy", "numpy"),
     "pinocchio": Entry("compare.engines.pinocchio", "Pinocchio", "pinocchio", "pin", ups="PinocchioUps"),
-    "pinocchio-ball": Entry("compare.engines.pinocchio", "PinocchioBall", "pinocchio", "pin"),
+    "pinocchio-ball": Entry(
+        "compare.engines.pinocchio", "PinocchioBall", "pinocchio", "pin", twin="pinocchio"
+    ),
     "mujoco": Entry("compare.engines.mujoco", "Mujoco", "mujoco", "mujoco", "mujoco", ups="MujocoUps"),
     "drake": Entry("compare.engines.drake", "Drake", "pydrake", "drake", "drake", ups="DrakeUps"),
     "dart": Entry("compare.engines.dart", "Dart", "dartpy", "dartpy", "dart", ups="DartUps"),

@@ -53,19 +53,20 @@ _SOLVE = "one backward stable solve of J F = C from rounded coordinates"
 _TREE = "leg motion from 3 or 4 equations a leg, then one least-squares solve of the tree"
 
 TOLERANCES: dict[str, Tolerance] = {
-    "kane": _rounding(2.7, _SOLVE),
-    "casadi": _rounding(2.6, _SOLVE),
-    "lagrange": _rounding(2.0, _SOLVE),
-    "newton-euler": _rounding(2.3, _SOLVE),
-    "virtual-work": _rounding(2.1, _SOLVE),
+    "kane": _rounding(3.1, _SOLVE),
+    "casadi": _rounding(2.0, _SOLVE),
+    "fast": _rounding(2.6, _SOLVE),
+    "lagrange": _rounding(2.8, _SOLVE),
+    "newton-euler": _rounding(3.1, _SOLVE),
+    "virtual-work": _rounding(3.5, _SOLVE),
     "pinocchio": _rounding(3.1, _TREE),
     "pinocchio-ball": _rounding(2.8, _TREE),
-    "mujoco": _rounding(2.2, _TREE),
-    "drake": _rounding(2.3, _TREE),
-    "dart": _rounding(2.0, _TREE),
-    "exudyn": _rounding(1.2, "one refined least-squares solve for 85 multipliers"),
-    "opensim": _rounding(0.8, _TREE + ", refined once"),
-    "sympy": _rounding(2.3, _SOLVE),
+    "mujoco": _rounding(2.8, _TREE),
+    "drake": _rounding(2.8, _TREE),
+    "dart": _rounding(2.3, _TREE),
+    "exudyn": _rounding(1.6, "one refined least-squares solve for 85 multipliers"),
+    "opensim": _rounding(1.0, _TREE + ", refined once"),
+    "sympy": _rounding(3.1, _SOLVE),
 }
 DEFAULT = Tolerance(_ROOM, "no row of its own")
 

@@ -166,7 +166,7 @@ def test_every_engine_has_a_tolerance_with_a_reason():
 
 
 def test_unknown_engine_lists_those_that_exist():
-    with pytest.raises(sixsps.UnknownNameError, match="kane, casadi, lagrange"):
+    with pytest.raises(sixsps.UnknownNameError, match="kane, casadi, fast, lagrange"):
         registry.load("pinochio")
 
 

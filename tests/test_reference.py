@@ -11,6 +11,7 @@ from test_runner import fake  # noqa: F401  a fixture
 import sixsps
 from compare import metrics
 from compare.comparison import compare
+from compare.registry import ENGINES, load
 from compare.report import markdown
 from compare.runner import run
 from compare.summary import answer
@@ -137,3 +138,47 @@ class TestCertification:
     def test_says_so_without_a_regular_sample(self, wu2012):
         comparison = compare(wu2012, at_rest([0.01, 0.02, 0.0]), ["kane"])
         assert comparison.results["reference"]["missing"] == "no regular sample"
+
+
+class TestTwins:
+    """`fast` evaluates the graph of `casadi`: what the one says bears no witness for the other."""
+
+    @pytest.fixture
+    def others_wrong(self, wu2012, monkeypatch):
+        """The two formulations that are always computed, wrong everywhere, so that neither stands in."""
+        motion = bundled("line", wu2012, 100)
+        wrong = 1.001 * sixsps.inverse_dynamics(wu2012, motion)
+        monkeypatch.setattr("compare.reference.inverse_dynamics", lambda *_: wrong)
+        return motion
+
+    def test_do_not_confirm_each_other(self, wu2012, others_wrong):
+        comparison = compare(wu2012, others_wrong, ["casadi", "fast"])
+        assert comparison.results["reference"]["stand_in"] == ""
+        assert "They confirm no engine" in markdown(comparison.results)
+
+    def test_are_confirmed_by_another(self, wu2012, others_wrong):
+        comparison = compare(wu2012, others_wrong, ["casadi", "fast", "lagrange"])
+        assert comparison.results["reference"]["stand_in"] == "casadi"
+        assert comparison.agreed
+
+    def test_a_slip_of_both_is_found_by_another(self, wu2012, others_wrong, slip):
+        slip({("casadi", 50, 1): 1e-6, ("fast", 50, 1): 1e-6})
+        comparison = compare(wu2012, others_wrong, ["casadi", "fast", "lagrange"])
+        entries = comparison.results["engines"]
+        assert comparison.results["reference"]["stand_in"] == "lagrange"
+        assert entries["casadi"]["within_tolerance"] is entries["fast"]["within_tolerance"] is False
+        assert entries["lagrange"]["within_tolerance"] is True
+
+    def test_a_slip_of_both_is_found_without_another(self, wu2012, slip):
+        slip({("casadi", 50, 1): 1e-6, ("fast", 50, 1): 1e-6})
+        comparison = compare(wu2012, bundled("line", wu2012, 100), ["casadi", "fast"])
+        entries = comparison.results["engines"]
+        assert comparison.results["reference"]["stand_in"] == "kane"
+        assert entries["casadi"]["within_tolerance"] is entries["fast"]["within_tolerance"] is False
+
+    @pytest.mark.parametrize("name", [name for name, entry in ENGINES.items() if entry.twin])
+    def test_say_what_they_share(self, name):
+        twin = ENGINES[name].twin
+        assert not ENGINES[twin].twin
+        assert twin in load(name).shares
+        assert name in load(twin).shares

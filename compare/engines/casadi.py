@@ -1,4 +1,4 @@
-"""CasADi symbolic model, exact Jacobian, J F = C by Householder QR."""
+"""CasADi symbolic model, J F = C by modified Gram-Schmidt in its graph; CasADi evaluates it."""
 
 from __future__ import annotations
 
@@ -8,11 +8,17 @@ from sixsps.mechanism import Mechanism
 
 
 class Casadi(FormulationEngine):
-    """Jourdain's principle with all derivatives by algorithmic differentiation of positions."""
+    """Jourdain's principle leg by leg, links as masses on a line; Newton-Euler for the platform."""
 
-    formulation = "Jourdain's principle, derivatives of positions by CasADi"
+    formulation = (
+        "d'Alembert's principle in Jourdain's form on each leg's vector, links as masses on that line, rates "
+        "by CasADi's algorithmic differentiation; Newton-Euler for the platform"
+    )
     loops = "none to close: leg vectors as functions of the platform pose"
-    shares = "the threshold of singularity with kane; gives the rate of energy of the power balance"
+    shares = (
+        "the symbolic graph with fast, so that the two can be wrong together; the threshold of singularity "
+        "with kane; gives the rate of energy of the power balance"
+    )
     name = "casadi"
     package = "casadi"
 

@@ -18,6 +18,7 @@ from sixsps.motion import Motion
 FORMULATIONS = {
     "kane": "sixsps.formulations.kane",
     "casadi": "sixsps.formulations.casadi",
+    "fast": "sixsps.formulations.fast",
     "lagrange": "sixsps.formulations.lagrange",
     "newton-euler": "sixsps.formulations.newton_euler",
     "virtual-work": "sixsps.formulations.virtual_work",
@@ -28,6 +29,8 @@ FORMULATIONS = {
 
 # A formulation needs some kilobytes a sample while it works; blocks keep that in the cache.
 _BLOCK = 1024
+# Machine code needs none, and to cut a block out of a motion takes longer than to compute its forces.
+_WHOLE = ("fast",)
 
 
 def inverse_dynamics(
@@ -54,6 +57,10 @@ def inverse_dynamics(
     if formulation not in FORMULATIONS:
         raise UnknownNameError("formulation", formulation, ", ".join(FORMULATIONS))
     of_block = import_module(FORMULATIONS[formulation]).inverse_dynamics
+    if formulation in _WHOLE:
+        whole: Array = of_block(mechanism, motion)
+        progress(len(motion))
+        return whole
     forces = np.empty((len(motion), 6))
     for start in range(0, len(motion), _BLOCK):
         block = slice(start, start + _BLOCK)

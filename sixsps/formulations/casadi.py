@@ -1,4 +1,4 @@
-"""Jourdain's principle with every derivative by algorithmic differentiation, in CasADi.
+"""Jourdain's principle leg by leg, rates by algorithmic differentiation, in CasADi.
 
 Evaluates `sixsps.symbolic`; shares with `kane.py` the frozen inputs and the threshold of singularity.
 """

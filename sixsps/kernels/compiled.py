@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache, cached_property
 from importlib.metadata import version
 from importlib.resources import files
@@ -16,6 +17,7 @@ from typing import Any
 
 import numpy as np
 from numba import njit, types
+from numba.core.caching import FunctionCache
 
 from sixsps.arrays import Array
 from sixsps.kernels.emission import constants, host_width, samples
@@ -28,6 +30,7 @@ Arrays = tuple[Array, ...]
 # Called as Numba calls them, which is not how Python would.
 _constants: Any = constants
 _samples: Any = samples
+_cache_of: Any = FunctionCache  # untyped in Numba
 
 
 @cache
@@ -99,7 +102,7 @@ class Kernel:
             return REGULAR if _samples(name, 1, inputs, fixed, outputs, 0) else DOUBTFUL
 
         inputs, outputs = _types(1, signature)
-        return _compiled(single, types.intp(inputs, _array(1, False), outputs))
+        return self._compiled(single, types.intp(inputs, _array(1, False), outputs))
 
     def _of_vectors(self) -> Callable[..., bool]:
         name, width = self._name, self._width
@@ -114,7 +117,7 @@ class Kernel:
             return regular
 
         inputs, outputs = _types(2, self.signature)
-        return _compiled(wide, types.boolean(inputs, _array(1, False), outputs, types.intp, types.intp))
+        return self._compiled(wide, types.boolean(inputs, _array(1, False), outputs, types.intp, types.intp))
 
     def _prepare(self) -> Callable[[Array, Array], None]:
         name = self._name
@@ -122,7 +125,23 @@ class Kernel:
         def prepare(parameters, out):  # type: ignore[no-untyped-def]
             _constants(name, parameters, out)
 
-        return _compiled(prepare, types.void(_array(1, False), _array(1, True)))
+        return self._compiled(prepare, types.void(_array(1, False), _array(1, True)))
+
+    def _compiled(self, function: Callable[..., Any], signature: Any) -> Callable[..., Any]:
+        # Numba numbers the files of functions of one name, and processes that compile at the same time
+        # would give theirs the same number: every kernel has a name of its own.
+        function.__qualname__ = "_".join([*self._name.split(), str(self._width), function.__name__])
+
+        def made(cache: bool) -> Any:
+            return njit(signature, cache=cache, nogil=True, error_model="numpy")(function)
+
+        # No folder to write to, no room, or files that are broken; reading those may raise anything.
+        with suppress(Exception):
+            return made(cache=True)
+        with suppress(Exception):
+            _cache_of(function).flush()
+            return made(cache=True)
+        return made(cache=False)
 
 
 @cache
@@ -140,13 +159,3 @@ def _types(dimensions: int, signature: Signature) -> tuple[Any, Any]:
 
 def _array(dimensions: int, written: bool) -> Any:
     return types.Array(types.float64, dimensions, "C", readonly=not written)
-
-
-def _compiled(function: Callable[..., Any], signature: Any) -> Callable[..., Any]:
-    def made(cache: bool) -> Any:
-        return njit(signature, cache=cache, nogil=True, error_model="numpy")(function)
-
-    try:
-        return made(cache=True)
-    except RuntimeError:  # no folder to keep machine code in
-        return made(cache=False)

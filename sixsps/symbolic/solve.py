@@ -3,7 +3,7 @@
 Modified Gram-Schmidt on the columns of J and b together. The right-hand side is a column like the
 others, never a product with a Q that has lost its orthogonality; so the solve is backward stable, as
 Householder's is (Bjorck, BIT 7, 1967; Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed.,
-theorem 20.3). CasADi's own symbolic solve is the classical form, which loses cond(J)^2.
+theorem 20.3). CasADi's own symbolic solve multiplies by a Q^T that is orthogonal no more: cond(J)^2.
 No square root, no comparison, and one division a column.
 """
 
