@@ -8,22 +8,22 @@ given adds a digest of everything else that the code comes from, so that a chang
 from __future__ import annotations
 
 import hashlib
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, cached_property
 from importlib.metadata import version
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
 from numba import njit, types
 from numba.core.caching import FunctionCache
 
+from sixsps import sources
 from sixsps.arrays import Array
 from sixsps.kernels.emission import constants, host_width, samples
 from sixsps.kernels.signatures import Signature
 
-_SOURCES = ("symbolic", "kernels", "parameters.py")
 _COMPILERS = ("casadi", "llvmlite")
 REGULAR, DOUBTFUL, MISFIT = 0, 1, 2
 Arrays = tuple[Array, ...]
@@ -33,18 +33,19 @@ _samples: Any = samples
 _cache_of: Any = FunctionCache  # untyped in Numba
 
 
+_KERNELS = sources.digest("kernels")
+
+
 @cache
 def source_digest() -> str:
-    """Returns a digest of the sources of graphs and kernels, and of the versions that compile them."""
-    digest = hashlib.sha256()
-    for place in _SOURCES:
-        path = files("sixsps") / place
-        parts = [path] if path.is_file() else sorted(path.iterdir(), key=lambda part: part.name)
-        for part in parts:
-            if part.name.endswith(".py"):
-                digest.update(part.read_bytes())
-    digest.update(" ".join(version(package) for package in _COMPILERS).encode())
-    return digest.hexdigest()[:16]
+    """Returns a digest of the sources of graphs and kernels, and of the versions that compile them.
+
+    Of the sources that this process runs: a file that is edited while it does is not yet one of them.
+    """
+    loaded = sys.modules.get("sixsps.symbolic")
+    model = loaded.SOURCE_DIGEST if loaded else sources.digest(*sources.MODEL)
+    versions = " ".join(version(package) for package in _COMPILERS)
+    return hashlib.sha256(f"{_KERNELS} {model} {versions}".encode()).hexdigest()[:16]
 
 
 class Kernel:

@@ -26,10 +26,14 @@ from sixsps.motion import Motion
 from sixsps.parameters import MOTION_COLUMNS
 from sixsps.parameters import PARAMETERS as PARAMETERS
 from sixsps.parameters import parameter_vector as parameter_vector
+from sixsps.sources import MODEL, digest
 from sixsps.symbolic import derivatives
 from sixsps.symbolic.model import Model
 from sixsps.symbolic.slopes import NAMES
 from sixsps.symbolic.solve import Factors, regularity
+
+SOURCE_DIGEST = digest(*MODEL)
+"""Of the source that this process runs."""
 
 _POSE = ("pose", "parameters")
 _TWIST = ("pose", "twist", "parameters")
