@@ -7,6 +7,7 @@ Exit status: 0 done and all engines agree, 1 an engine disagrees or failed or a 
 from __future__ import annotations
 
 import shlex
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -139,12 +140,13 @@ def forces(
     fit: Fit = False,
 ) -> None:
     """Write leg forces t,f1..f6 [N]. Example: sixsps forces wu2012 line --output forces.csv."""
-    from compare.inputs import check_not_input, load_motion
+    from compare.inputs import check_not_input, open_motions
     from compare.progress import reading, watching
     from compare.registry import check_names
-    from compare.single import chosen_engine, engine_forces, forces_and_reactions
+    from compare.single import chosen_engine, forces_calculation
+    from compare.streaming import stream
     from sixsps.mechanism import Mechanism
-    from sixsps.tables import check_table_suffix, write_table
+    from sixsps.tables import check_table_suffix
 
     name = chosen_engine(engine, reactions)
     check_names([name])
@@ -152,15 +154,11 @@ def forces(
     check_not_input(output, mechanism, motion)
     hexapod = Mechanism.load(mechanism)
     with reading():
-        sampled = load_motion(motion, hexapod, samples=samples, cutoff=cutoff, fit=fit)
-    with watching(len(sampled)) as watch:
-        if reactions:
-            result = forces_and_reactions(hexapod, sampled, watch)
-        else:
-            result = engine_forces(name, hexapod, sampled, watch)
-    write_table({"t": sampled.time} | result.columns, output)
-    _warn(result.warnings)
-    raise typer.Exit(1 if result.warnings else 0)
+        motions = open_motions(motion, hexapod, samples=samples, cutoff=cutoff, fit=fit)
+    with watching(motions.samples) as watch:
+        singular = stream(motions, forces_calculation(name, hexapod, reactions), output, watch)
+    _warn(singular.lines())
+    raise typer.Exit(1 if singular.number else 0)
 
 
 @app.command()
@@ -174,22 +172,20 @@ def ik(
     fit: Fit = False,
 ) -> None:
     """Write leg lengths t,l1..l6 [m]. Example: sixsps ik wu2012 line --rates --output lengths.csv."""
-    from compare.inputs import check_not_input, load_motion
-    from compare.progress import reading
-    from sixsps.kinematics import inverse_kinematics
+    from compare.inputs import check_not_input, open_motions
+    from compare.progress import reading, watching
+    from compare.single import lengths_calculation
+    from compare.streaming import stream
     from sixsps.mechanism import Mechanism
-    from sixsps.tables import check_table_suffix, write_table
+    from sixsps.tables import check_table_suffix
 
     check_table_suffix(output)
     check_not_input(output, mechanism, motion)
     hexapod = Mechanism.load(mechanism)
     with reading():
-        sampled = load_motion(motion, hexapod, samples=samples, cutoff=cutoff, fit=fit)
-    legs = inverse_kinematics(hexapod, sampled)
-    columns = {"t": sampled.time} | {f"l{leg + 1}": legs.lengths[:, leg] for leg in range(6)}
-    if rates:
-        columns |= {f"dl{leg + 1}": legs.length_rates[:, leg] for leg in range(6)}
-    write_table(columns, output)
+        motions = open_motions(motion, hexapod, samples=samples, cutoff=cutoff, fit=fit)
+    with watching(motions.samples) as watch:
+        stream(motions, lengths_calculation(hexapod, rates), output, watch)
 
 
 @app.command()
@@ -275,7 +271,16 @@ def _warn(lines: list[str]) -> None:
 
 def main() -> None:
     """Runs the command and ends the process with its exit status."""
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, _terminate)
     sys.exit(_status(lambda: app(standalone_mode=False)))
+
+
+def _terminate(number: int, _frame: object) -> None:
+    """Ends the process by an exception, so that temporary files go and engines' processes end."""
+    raise SystemExit(128 + number)
 
 
 def _value_at_fault(error: Exception) -> str:

@@ -23,11 +23,11 @@ def reading() -> Iterator[None]:
 
 
 @contextmanager
-def watching(samples: int) -> Iterator[Watcher]:
+def watching(samples: int | None) -> Iterator[Watcher]:
     """Yields a watcher for `compare.runner.run` that shows one bar an engine.
 
     Args:
-        samples: number of samples that every engine has to do.
+        samples: number of samples that every engine has to do; None where it is not known.
     """
     console = Console(stderr=True)
     if not console.is_terminal:

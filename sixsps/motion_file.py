@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +15,7 @@ from sixsps.errors import MotionError
 from sixsps.motion import Motion, check_quaternion, check_time
 from sixsps.tables import Table, read_table, write_table
 
-# What the file calls a group of columns, and what `Motion` calls it.
+# Columns that only come together.
 _GROUPS = {
     "position": ("x", "y", "z"),
     "quaternion": ("qw", "qx", "qy", "qz"),
@@ -22,7 +24,19 @@ _GROUPS = {
     "accelerations": ("ax", "ay", "az", "ex", "ey", "ez"),
     "wrench": ("fx", "fy", "fz", "mx", "my", "mz"),
 }
-_COLUMNS = ("t", *(column for group in _GROUPS.values() for column in group))
+# What `Motion` calls columns of a file.
+_FIELDS = {
+    "position": ("x", "y", "z"),
+    "quaternion": ("qw", "qx", "qy", "qz"),
+    "velocity": ("vx", "vy", "vz"),
+    "angular_velocity": ("wx", "wy", "wz"),
+    "acceleration": ("ax", "ay", "az"),
+    "angular_acceleration": ("ex", "ey", "ez"),
+    "force": ("fx", "fy", "fz"),
+    "moment": ("mx", "my", "mz"),
+}
+COLUMNS = ("t", *(column for group in _GROUPS.values() for column in group))
+"""All columns that a motion file may have."""
 
 
 def load(path: Path, cutoff: float | None = None) -> Motion:
@@ -31,8 +45,17 @@ def load(path: Path, cutoff: float | None = None) -> Motion:
     Raises:
         MotionError: naming file, row and column, value and what is allowed.
     """
+    with source_in_errors(path):
+        table = read_table(path, COLUMNS)
+        check_columns(table.columns)
+        return motion_of(table, cutoff)
+
+
+@contextmanager
+def source_in_errors(path: Path) -> Iterator[None]:
+    """Names the file in a MotionError that does not."""
     try:
-        return _motion(read_table(path, _COLUMNS), cutoff)
+        yield
     except MotionError as error:
         raise MotionError(error.place, error.value, error.allowed, error.source or str(path)) from None
 
@@ -43,55 +66,58 @@ def save(motion: Motion, path: Path) -> None:
     Raises:
         OutputError: `path` cannot be written or ends in neither .csv nor .parquet.
     """
-    groups = {
-        "position": motion.position,
-        "quaternion": motion.quaternion,
-        "twist": np.hstack([motion.velocity, motion.angular_velocity]),
-        "accelerations": np.hstack([motion.acceleration, motion.angular_acceleration]),
-        "wrench": np.hstack([motion.force, motion.moment]),
-    }
     table = {"t": motion.time}
-    for group, values in groups.items():
-        table |= dict(zip(_GROUPS[group], values.T, strict=True))
+    for field, columns in _FIELDS.items():
+        table |= dict(zip(columns, getattr(motion, field).T, strict=True))
     write_table(table, path)
 
 
-def _motion(table: Table, cutoff: float | None) -> Motion:
-    if "t" not in table.columns:
+def check_columns(names: Collection[str]) -> None:
+    """Raises MotionError unless columns of these names are a motion, derivatives or not."""
+    if "t" not in names:
         raise MotionError("column t", "missing", "times in seconds")
-    check_time(table.columns["t"], table.row)
-    groups = {group: _group(table.columns, group) for group in _GROUPS}
-    if groups["position"] is None:
+    for group, columns in _GROUPS.items():
+        missing = [name for name in columns if name not in names]
+        if 0 < len(missing) < len(columns):
+            allowed = f"all of {', '.join(columns)} or none"
+            raise MotionError(f"columns of the {group}", f"{', '.join(missing)} missing", allowed)
+    if "x" not in names:
         raise MotionError("columns x, y, z", "missing", "the platform origin in metres")
-    arrays = {"time": table.columns["t"], "position": groups["position"]}
-    if groups["quaternion"] is not None:
-        check_quaternion(groups["quaternion"], table.row)
-    for target, values in (
-        (("quaternion",), _orientation(groups["quaternion"], groups["euler"])),
-        (("velocity", "angular_velocity"), groups["twist"]),
-        (("acceleration", "angular_acceleration"), groups["accelerations"]),
-        (("force", "moment"), groups["wrench"]),
-    ):
-        if values is not None:
-            arrays |= dict(zip(target, np.split(values, len(target), axis=1), strict=True))
-    return complete(arrays, cutoff, table.path.stem)
-
-
-def _group(columns: dict[str, Array], group: str) -> Array | None:
-    names = _GROUPS[group]
-    missing = [name for name in names if name not in columns]
-    if len(missing) == len(names):
-        return None
-    if missing:
-        allowed = f"all of {', '.join(names)} or none"
-        raise MotionError(f"columns of the {group}", f"{', '.join(missing)} missing", allowed)
-    return np.column_stack([columns[name] for name in names])
-
-
-def _orientation(quaternion: Array | None, euler: Array | None) -> Array | None:
-    if euler is None:
-        return quaternion
-    if quaternion is not None:
+    if "qw" in names and "alpha" in names:
         raise MotionError("orientation", "quaternion and Euler angles", "only one of them")
+
+
+def has_derivatives(names: Collection[str]) -> bool:
+    """Returns whether columns of these names, of a motion, leave no derivative to be estimated."""
+    return "vx" in names and "ax" in names
+
+
+def motion_of(table: Table, cutoff: float | None = None) -> Motion:
+    """Returns the motion in a table, or in a block of one, whose columns have been checked.
+
+    Args:
+        table: columns of a motion.
+        cutoff: corner frequency of the smoothing [Hz]; see `Motion.load`.
+
+    Raises:
+        MotionError: as `Motion`, naming the row, and as `differentiate`.
+    """
+    columns = table.columns
+    arrays = {"time": columns["t"]}
+    for field, names in _FIELDS.items():
+        if names[0] in columns:
+            arrays[field] = np.column_stack([columns[name] for name in names])
+    if "alpha" in columns:
+        arrays["quaternion"] = _quaternion(np.column_stack([columns[name] for name in _GROUPS["euler"]]))
+    try:
+        return complete(arrays, cutoff, table.path.stem)
+    except MotionError:  # the same again, for the row of the file instead of an index
+        check_time(arrays["time"], table.row)
+        if "quaternion" in arrays:
+            check_quaternion(arrays["quaternion"], table.row)
+        raise
+
+
+def _quaternion(euler: Array) -> Array:
     converted: Array = Rotation.from_euler("XYZ", euler).as_quat(scalar_first=True)
     return converted

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,19 +27,21 @@ _HEAD_BYTES = 65536
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Columns of a file.
+    """Columns of a file, or of a block of its rows.
 
     Attributes:
         path: the file.
         columns: name -> (n,) finite numbers.
+        first: number of rows of the file before these.
     """
 
     path: Path
     columns: dict[str, Array]
+    first: int = 0
 
     def row(self, index: int) -> str:
         """Returns how a message names a sample: data rows count from 1, lines as an editor does."""
-        return _row(self.path, index)
+        return _row(self.path, self.first + index)
 
 
 def read_table(path: Path, known: tuple[str, ...]) -> Table:
@@ -54,23 +57,65 @@ def read_table(path: Path, known: tuple[str, ...]) -> Table:
     Raises:
         MotionError: naming file, row and column, value and what is allowed.
     """
-    source = str(path)
-    if exists(path) and not (path.is_file() or path.is_dir()):
-        raise MotionError("motion", "a pipe or device", "a regular file", source)
-    check_readable(path, "motion", MotionError)
-    try:
+    check_table_file(path)
+    with names_in_errors(path, known):
         table = _read_parquet(path) if path.suffix == ".parquet" else _read_csv(path)
-        names = [name.strip() for name in table.column_names]
+        names = column_names(table.column_names, known, path)
+    check_row_number(table.num_rows, path)
+    return table_of(table, names, path)
+
+
+def check_table_file(path: Path) -> None:
+    """Raises MotionError unless `path` is a regular file with content that may be read."""
+    if exists(path) and not (path.is_file() or path.is_dir()):
+        raise MotionError("motion", "a pipe or device", "a regular file", str(path))
+    check_readable(path, "motion", MotionError)
+
+
+@contextmanager
+def names_in_errors(path: Path, known: tuple[str, ...]) -> Iterator[None]:
+    """Turns what is said of names that are not UTF-8, by whatever reads them, into a MotionError."""
+    try:
+        yield
     except UnicodeDecodeError:
-        raise MotionError("column", "a name that is not UTF-8", ", ".join(known), source) from None
+        raise MotionError("column", "a name that is not UTF-8", ", ".join(known), str(path)) from None
+
+
+def column_names(given: list[str], known: tuple[str, ...], path: Path) -> list[str]:
+    """Returns the names of columns without blanks around them.
+
+    Raises:
+        MotionError: a name is not known, or stands twice.
+    """
+    names = [name.strip() for name in given]
     for name in names:
         if name not in known:
-            raise MotionError("column", name or "without a name", ", ".join(known), source)
+            raise MotionError("column", name or "without a name", ", ".join(known), str(path))
         if names.count(name) > 1:
-            raise MotionError("column", f"{name} twice", "each column once", source)
-    if table.num_rows < 2:
-        raise MotionError("rows", table.num_rows, "at least 2 samples", source)
-    return Table(path, {name: _column(table[i], name, path) for i, name in enumerate(names)})
+            raise MotionError("column", f"{name} twice", "each column once", str(path))
+    return names
+
+
+def check_row_number(rows: int, path: Path) -> None:
+    """Raises MotionError where a file has too few rows for a motion."""
+    if rows < 2:
+        raise MotionError("rows", rows, "at least 2 samples", str(path))
+
+
+def table_of(content: pa.Table, names: list[str], path: Path, first: int = 0) -> Table:
+    """Returns the numbers in rows of a file.
+
+    Args:
+        content: the rows.
+        names: of its columns.
+        path: the file.
+        first: number of rows of the file before these.
+
+    Raises:
+        MotionError: a column or a cell is no usable number.
+    """
+    columns = zip(names, content.columns, strict=True)
+    return Table(path, {name: _column(column, name, path, first) for name, column in columns}, first)
 
 
 def write_table(columns: Mapping[str, Array], path: Path) -> None:
@@ -89,7 +134,8 @@ def write_table(columns: Mapping[str, Array], path: Path) -> None:
         if path.suffix == ".parquet":
             pa.parquet.write_table(table, temporary)
         else:
-            _write_csv(table, temporary)
+            with csv_appender(table.schema, temporary) as append:
+                append(table)
 
 
 def check_table_suffix(path: Path) -> None:
@@ -98,21 +144,41 @@ def check_table_suffix(path: Path) -> None:
         raise OutputError("output", path.suffix or "no suffix", ".csv or .parquet", str(path))
 
 
-def _write_csv(table: pa.Table, path: Path) -> None:
+@contextmanager
+def csv_appender(schema: pa.Schema, path: Path) -> Iterator[Callable[[pa.Table], None]]:
+    """Yields what appends tables to a CSV file, which has its header; floats read back exactly."""
     options = pa.csv.WriteOptions(include_header=False, quoting_style="none")
     with path.open("wb") as file:
-        file.write((",".join(table.column_names) + "\n").encode())  # pyarrow would quote the names
-        pa.csv.write_csv(table, file, options)
+        file.write((",".join(schema.names) + "\n").encode())  # pyarrow would quote the names
+        yield lambda table: pa.csv.write_csv(table, file, options)
 
 
-def _read_parquet(path: Path) -> pa.Table:
+@contextmanager
+def parquet_errors(path: Path) -> Iterator[None]:
+    """Turns what is wrong with a Parquet file into a MotionError."""
     try:
-        return pa.parquet.read_table(path)
+        yield
     except (pa.ArrowException, OSError) as error:
         raise MotionError("file", str(error), "a Parquet file", str(path)) from None
 
 
+def _read_parquet(path: Path) -> pa.Table:
+    with parquet_errors(path), pa.parquet.ParquetFile(path) as file:
+        return file.read()
+
+
 def _read_csv(path: Path) -> pa.Table:
+    with csv_errors(path) as convert:
+        return pa.csv.read_csv(path, convert_options=convert)
+
+
+@contextmanager
+def csv_errors(path: Path) -> Iterator[pa.csv.ConvertOptions]:
+    """Yields how the cells of a CSV file are to be read: as numbers, all of them.
+
+    Raises:
+        MotionError: it is no such file; says what is wrong with it, and in which row.
+    """
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
     if b"\0" in head:
@@ -122,8 +188,8 @@ def _read_csv(path: Path) -> pa.Table:
         raise MotionError("file", "no text", "CSV text", str(path))
     try:
         names = next(csv.reader(lines))
-        convert = pa.csv.ConvertOptions(column_types={name: pa.float64() for name in names}, null_values=[""])
-        return pa.csv.read_csv(path, convert_options=convert)
+        types = {name: pa.float64() for name in names}
+        yield pa.csv.ConvertOptions(column_types=types, null_values=[""])
     except (pa.ArrowException, csv.Error) as error:
         if len(lines) == 1 and len(head) < _HEAD_BYTES:
             raise MotionError("rows", 0, "at least 2 samples", str(path)) from None
@@ -163,16 +229,16 @@ def _row(path: Path, index: int) -> str:
     return f"row {index + 1} (line {line})"
 
 
-def _column(column: pa.ChunkedArray, name: str, path: Path) -> Array:
+def _column(column: pa.ChunkedArray, name: str, path: Path, first: int) -> Array:
     source = str(path)
     if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
         raise MotionError(f"column {name}", str(column.type), "numbers", source)
     if column.null_count:
-        row = _row(path, int(np.argmax(column.is_null().to_numpy())))
+        row = _row(path, first + int(np.argmax(column.is_null().to_numpy())))
         raise MotionError(f"{name}, {row}", "an empty cell", _ALLOWED, source)
     values: Array = column.cast(pa.float64(), safe=False).to_numpy()
     usable = np.abs(values) <= LARGEST
     if not usable.all():
         index = int(np.argmin(usable))
-        raise MotionError(f"{name}, {_row(path, index)}", float(values[index]), _ALLOWED, source)
+        raise MotionError(f"{name}, {_row(path, first + index)}", float(values[index]), _ALLOWED, source)
     return values

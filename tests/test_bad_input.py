@@ -179,7 +179,7 @@ ARGUMENTS = {
     "motion": (["ik", "wu2012", "lime", "--output", "l.csv"], ["lime", *bundled_motions()]),
     "engine": (
         ["forces", "wu2012", "line", "--engine", "adams", "--output", "f.csv"],
-        ["engine", "adams", "kane, casadi, lagrange, newton-euler, virtual-work, pinocchio, pinocchio-ball"],
+        ["engine", "adams", "kane, casadi, fast, lagrange, newton-euler, virtual-work, pinocchio"],
     ),
     "too few samples": ([*LINE, "--samples", "-7"], ["--samples", "-7", "2"]),
     "more samples than memory": ([*LINE, "--samples", "100000000000000"], ["samples", "100000000000000"]),
