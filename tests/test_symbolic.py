@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from cases import random_mechanism, random_motion
+from differences import FIRST
 from scipy.spatial.transform import Rotation
 
 import sixsps
@@ -13,14 +14,13 @@ from sixsps.kinematics import inverse_kinematics
 from sixsps.mechanism import Leg, Link, Mechanism, Platform
 
 EPS = np.finfo(float).eps
-# Eighth-order central difference: error of order step^8, rounding of order EPS / step.
-WEIGHTS = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
+# Of eighth-order central differences: error of order step^8, rounding of order EPS / step.
 STEP = 2e-3
 
 
 def slope(function):
     """Derivative at 0 of a function of one number."""
-    terms = (w * (function(k * STEP) - function(-k * STEP)) for k, w in WEIGHTS.items())
+    terms = (w * (function(k * STEP) - function(-k * STEP)) for k, w in FIRST.items())
     return sum(terms) / STEP
 
 
