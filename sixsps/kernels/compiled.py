@@ -21,7 +21,7 @@ from numba.core.caching import FunctionCache
 
 from sixsps import sources
 from sixsps.arrays import Array
-from sixsps.kernels.emission import constants, host_width, samples
+from sixsps.kernels.emission import constants, host, host_width, samples
 from sixsps.kernels.signatures import Signature
 
 _COMPILERS = ("casadi", "llvmlite")
@@ -38,14 +38,14 @@ _KERNELS = sources.digest("kernels")
 
 @cache
 def source_digest() -> str:
-    """Returns a digest of the sources of graphs and kernels, and of the versions that compile them.
+    """Returns a digest of the sources of graphs and kernels, of what compiles them, and for which processor.
 
     Of the sources that this process runs: a file that is edited while it does is not yet one of them.
     """
     loaded = sys.modules.get("sixsps.symbolic")
     model = loaded.SOURCE_DIGEST if loaded else sources.digest(*sources.MODEL)
     versions = " ".join(version(package) for package in _COMPILERS)
-    return hashlib.sha256(f"{_KERNELS} {model} {versions}".encode()).hexdigest()[:16]
+    return hashlib.sha256(f"{_KERNELS} {model} {versions} {host()}".encode()).hexdigest()[:16]
 
 
 class Kernel:

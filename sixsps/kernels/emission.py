@@ -7,6 +7,7 @@ width of the vectors that it is computed in.
 
 from __future__ import annotations
 
+import platform
 from typing import TYPE_CHECKING, Any
 
 import llvmlite.binding
@@ -37,9 +38,16 @@ def host_width() -> int:
     return 8 if features.get("avx512f") else 4 if features.get("avx") else 2
 
 
-def _has_fma() -> bool:
+def host() -> str:
+    """Returns name and features of this machine's processor."""
     features = llvmlite.binding.get_host_cpu_features()
-    return bool(features.get("fma") or features.get("neon"))
+    return f"{llvmlite.binding.get_host_cpu_name()} {features.flatten()}"
+
+
+def _has_fma() -> bool:
+    if platform.machine().lower() in ("arm64", "aarch64"):
+        return True
+    return bool(llvmlite.binding.get_host_cpu_features().get("fma"))
 
 
 @intrinsic(prefer_literal=True)
@@ -214,7 +222,10 @@ class _Writer:
     def read_numbers(self) -> None:
         """Makes plain numbers, where nothing else is constant."""
         for number in self.graph.per_mechanism:
-            self.values[number] = self._constant(self.graph.nodes[number].value)
+            node = self.graph.nodes[number]
+            if node.operation != "CONSTANT":
+                raise NotImplementedError(f"{node.operation} of plain numbers in a later step")
+            self.values[number] = self._constant(node.value)
 
     def read_parameters(self, source: Any) -> None:
         """Makes the entries of the parameter vector and plain numbers."""

@@ -18,7 +18,7 @@ from sixsps.parameters import MOTION_COLUMNS
 
 _PARAMETERS = "parameters"
 _NAMES = {getattr(ca, name): name[3:] for name in dir(ca) if name.startswith("OP_")}
-_COMMUTATIVE = {"ADD", "MUL", "FMIN"}
+_COMMUTATIVE = {"ADD", "MUL"}  # a minimum keeps a NaN on its left only
 OPERATIONS = frozenset({"ADD", "SUB", "MUL", "DIV", "NEG", "SQRT", "FMIN", "FMA", "FMS", "FNMA"})
 """Operations of a graph: a+b, a-b, a*b, a/b, -a, square root, minimum, a*b+c, a*b-c, c-a*b."""
 

@@ -6,6 +6,8 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -30,7 +32,11 @@ from sixsps.singularity import SINGULAR_CONDITION, condition_numbers
 
 # A chunk takes about a millisecond: long beside handing it out, and its results stay in the cache.
 _CHUNK = 8192
+# What is looked at anew where a chunk has a doubtful sample.
+_PART = 64
+_DOUBLE = np.dtype(np.float64)
 _NOTHING = np.zeros(3)
+_ARRAYS = tuple(FORCES.arrays)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +88,12 @@ class CompiledMechanism:
         self._constants: dict[Signature, Array] = {}
         self._fixed = self._constants_of(kernel(FORCES))
         self._single = kernel(FORCES).single
+        for signature in (EQUATIONS, LEG_MOTION):  # what judges the first doubtful pose, in a control loop
+            self._constants_of(kernel(signature))
+
+    def __reduce__(self) -> tuple[type[CompiledMechanism], tuple[Mechanism, int]]:
+        """Pickles as what it was made from; the other process has its own machine code."""
+        return CompiledMechanism, (self.mechanism, self.threads)
 
     def inverse_dynamics(self, motion: Motion, out: Array | None = None) -> Array:
         """Returns the (n, 6) leg forces along a motion [N]; NaN where the pose is singular.
@@ -126,9 +138,9 @@ class CompiledMechanism:
     ) -> Array:
         """Returns the (6,) leg forces of one sample [N]; NaN where the pose is singular.
 
-        Made for control loops: with C-contiguous float64 arrays it takes about two microseconds, and
-        with `out` it allocates nothing. Values are taken as they are: a quaternion need not be
-        normalised, a NaN gives NaN.
+        Made for control loops: with C-contiguous float64 arrays it takes a few microseconds, and with
+        `out` it allocates nothing that stays. Values are taken as they are: a NaN gives NaN, and a
+        quaternion may have any length from 1e-150 to 1e150.
 
         Args:
             position: (3,) of O1 [m].
@@ -142,13 +154,16 @@ class CompiledMechanism:
             out: (6,) array for the result, C-contiguous float64; a new one by default.
 
         Raises:
-            InputError: an array has another shape.
+            InputError: an array has another shape, or holds no real numbers.
         """
         forces = np.empty(6) if out is None else out
-        arrays = _arrays(
+        given = (
             position, quaternion, velocity, angular_velocity,
             acceleration, angular_acceleration, force, moment,
         )  # fmt: skip
+        arrays = _arrays(given)
+        if out is not None and getattr(out, "dtype", None) != _DOUBLE:
+            raise _misfit(arrays, forces)
         try:
             answer = self._single(arrays, self._fixed, (forces,))
         except TypeError:  # not vectors, or no array for the result
@@ -170,18 +185,22 @@ class CompiledMechanism:
         call = partial(one.batch, tuple(arrays.values()), self._constants_of(one), flat)
         starts = range(0, n, _CHUNK)
 
-        def chunk(start: int) -> bool:
-            return bool(call(start, min(start + _CHUNK, n)))
+        def chunk(start: int) -> list[slice]:
+            """Evaluates a chunk and returns the parts of it in which a sample may be singular."""
+            stop = min(start + _CHUNK, n)
+            if call(start, stop):
+                return []
+            parts = [slice(first, min(first + _PART, stop)) for first in range(start, stop, _PART)]
+            return [part for part in parts if not call(part.start, part.stop)]
 
         if self.threads == 1 or len(starts) < 2:
-            regular = [chunk(start) for start in starts]
+            doubtful = [chunk(start) for start in starts]
         else:
             # Threads of its own for every call: nothing to go wrong after a fork, and cheap beside a chunk.
             with ThreadPoolExecutor(min(self.threads, len(starts))) as pool:
-                regular = list(pool.map(chunk, starts))
-        for start, certain in zip(starts, regular, strict=True):
-            if not certain:
-                self._blank_singular(motion, slice(start, start + _CHUNK), found)
+                doubtful = list(pool.map(chunk, starts))
+        for part in chain.from_iterable(doubtful):
+            self._blank_singular(motion, part, found)
         return found
 
     def _constants_of(self, one: Kernel) -> Array:
@@ -206,11 +225,12 @@ class CompiledMechanism:
         columns: dict[str, Any] = {
             name: value[None] for name, value in zip(FORCES.arrays, given, strict=True)
         }
-        size = np.linalg.norm(columns["quaternion"])
-        if not 0 < size < np.inf:
+        largest = np.abs(columns["quaternion"]).max()
+        if not 0 < largest < np.inf:
             forces[:] = np.nan
             return forces
-        columns["quaternion"] = columns["quaternion"] / size
+        turned = columns["quaternion"] / largest
+        columns["quaternion"] = turned / np.linalg.norm(turned)
         try:
             motion = Motion(time=np.zeros(1), **columns)
         except MotionError:
@@ -223,8 +243,9 @@ class CompiledMechanism:
 def compile(mechanism: Mechanism, threads: int | None = None) -> CompiledMechanism:  # noqa: A001
     """Returns a mechanism's forces, derivatives and leg motion as machine code.
 
-    The first call on a machine compiles for a few seconds; the machine code is kept on disk, and no C
-    compiler is needed. A mechanism's numbers are inputs of the code: another mechanism compiles nothing.
+    The first call on a machine compiles for a few seconds, and so does the first that asks for
+    derivatives; the machine code is kept on disk, and no C compiler is needed. A mechanism's numbers are
+    inputs of the code: another mechanism compiles nothing.
 
     Args:
         mechanism: geometry and inertia.
@@ -239,25 +260,29 @@ def compile(mechanism: Mechanism, threads: int | None = None) -> CompiledMechani
 def _threads(given: int | None) -> int:
     if given is None:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if isinstance(given, bool) or not isinstance(given, int) or given < 1:
+    if isinstance(given, bool) or not isinstance(given, Integral) or given < 1:
         raise InputError("threads", given, "a positive whole number, or None for every processor")
-    return given
+    return int(given)
 
 
-def _arrays(*given: ArrayLike) -> tuple[Array, ...]:
+def _arrays(given: tuple[ArrayLike, ...]) -> tuple[Array, ...]:
+    """Returns what is given as contiguous arrays; what is one already, as it is."""
+    made = []
+    for name, value in zip(_ARRAYS, given, strict=True):
+        if type(value) is not np.ndarray or value.dtype is not _DOUBLE:
+            value = _numbers(name, value)
+        made.append(np.ascontiguousarray(value))
+    return tuple(made)
+
+
+def _numbers(name: str, value: ArrayLike) -> Array:
     try:
-        return tuple([np.ascontiguousarray(value, np.float64) for value in given])
-    except (TypeError, ValueError):
-        for name, value in zip(FORCES.arrays, given, strict=True):
-            _number_array(name, value)
-        raise
-
-
-def _number_array(name: str, value: ArrayLike) -> None:
-    try:
-        np.asarray(value, np.float64)
-    except (TypeError, ValueError):
-        raise InputError(name, value, f"{FORCES.arrays[name]} numbers") from None
+        array = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        array = np.array(None)
+    if array.dtype.kind not in "iuf":
+        raise InputError(name, value, f"{FORCES.arrays[name]} numbers")
+    return array.astype(np.float64)
 
 
 def _checked(out: Array, shape: tuple[int, ...]) -> Array:
@@ -273,4 +298,4 @@ def _misfit(given: tuple[Array, ...], forces: Array) -> InputError:
         if value.shape != (size,):
             return InputError(name, f"shape {value.shape}", f"shape ({size},)")
     _checked(forces, (6,))
-    return InputError("arrays", "not aligned in memory", "aligned arrays")
+    raise AssertionError("a kernel has refused arrays that fit")
