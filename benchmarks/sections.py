@@ -95,7 +95,7 @@ def derivatives(results: Results) -> str:
 def scaling(results: Results) -> str:
     """Returns the cost per sample along the number of samples and of threads."""
     rows = []
-    for entry in results["scaling"]["rows"]:
+    for entry in sorted(results["scaling"]["rows"], key=lambda one: int(one["samples"])):
         passes = f" in {entry['passes']} passes" if entry["passes"] > 1 else ""
         words = (f"{entry['samples']}{passes}", str(entry["threads"]), "reused" if entry["reused"] else "new")
         here = "reason" not in entry

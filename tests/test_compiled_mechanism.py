@@ -299,3 +299,19 @@ def test_a_model_can_be_sent_to_another_process(model, method):
 def test_a_pickled_model_is_small(model):
     """What it is made of, not its machine code."""
     assert len(pickle.dumps(model)) < 3 * len(pickle.dumps(model.mechanism))
+
+
+def test_derivatives_go_where_they_are_asked_to():
+    mechanism = random_mechanism(2)
+    motion = random_motion(mechanism, 2, samples=11)
+    model = sixsps.compile(mechanism)
+    expected = model.inverse_dynamics_derivatives(motion)
+    given = dataclasses.replace(
+        expected, **{name: np.full_like(array, np.nan) for name, array in vars(expected).items()}
+    )
+    found = model.inverse_dynamics_derivatives(motion, out=given)
+    for name, array in vars(expected).items():
+        assert getattr(found, name) is getattr(given, name)
+        assert getattr(found, name).tobytes() == array.tobytes()
+    with pytest.raises(sixsps.InputError, match="out: "):
+        model.inverse_dynamics_derivatives(motion[:10], out=given)

@@ -30,13 +30,14 @@ from sixsps.motion import Motion
 from sixsps.parameters import parameter_vector
 from sixsps.singularity import SINGULAR_CONDITION, condition_numbers
 
-# A chunk takes about a millisecond: long beside handing it out, and its results stay in the cache.
-_CHUNK = 8192
+# A chunk takes some tenths of a millisecond: long beside handing it out, and every thread gets its share.
+_CHUNK, _LEAST_CHUNK = 8192, 512
 # What is looked at anew where a chunk has a doubtful sample.
 _PART = 64
 _DOUBLE = np.dtype(np.float64)
 _NOTHING = np.zeros(3)
 _ARRAYS = tuple(FORCES.arrays)
+_BLOCKS = ("by_pose", "by_twist", "by_acceleration", "by_wrench")
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,10 +107,23 @@ class CompiledMechanism:
         self._run(FORCES, motion, {"F": forces})
         return forces
 
-    def inverse_dynamics_derivatives(self, motion: Motion) -> ForceDerivatives:
-        """Returns the leg forces along a motion with their exact derivatives."""
-        found = self._run(FORCE_DERIVATIVES, motion)
-        return ForceDerivatives(found.pop("F"), **found)
+    def inverse_dynamics_derivatives(
+        self, motion: Motion, out: ForceDerivatives | None = None
+    ) -> ForceDerivatives:
+        """Returns the leg forces along a motion with their exact derivatives.
+
+        Args:
+            motion: n samples.
+            out: of n samples, for the result; new arrays by default, which take their time: 1200 bytes
+                a sample.
+        """
+        outputs = None
+        if out is not None:
+            given = {"F": out.forces} | {name: getattr(out, name) for name in _BLOCKS}
+            shapes = FORCE_DERIVATIVES.outputs
+            outputs = {name: _checked(array, (len(motion), *shapes[name])) for name, array in given.items()}
+        found = self._run(FORCE_DERIVATIVES, motion, outputs)
+        return ForceDerivatives(found["F"], **{name: found[name] for name in _BLOCKS})
 
     def parameter_derivatives(self, motion: Motion) -> Array:
         """Returns the (n, 6, 97) exact derivatives of the forces by `sixsps.symbolic.PARAMETERS`."""
@@ -183,11 +197,12 @@ class CompiledMechanism:
         found = outputs or {name: np.empty((n, *shape)) for name, shape in signature.outputs.items()}
         flat = tuple(array.reshape(n, -1) if n else array.reshape(0, 1) for array in found.values())
         call = partial(one.batch, tuple(arrays.values()), self._constants_of(one), flat)
-        starts = range(0, n, _CHUNK)
+        size = max(_LEAST_CHUNK, min(_CHUNK, n // (8 * self.threads)))
+        starts = range(0, n, size)
 
         def chunk(start: int) -> list[slice]:
             """Evaluates a chunk and returns the parts of it in which a sample may be singular."""
-            stop = min(start + _CHUNK, n)
+            stop = min(start + size, n)
             if call(start, stop):
                 return []
             parts = [slice(first, min(first + _PART, stop)) for first in range(start, stop, _PART)]
