@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
 from numbers import Integral
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -31,7 +32,7 @@ from sixsps.parameters import parameter_vector
 from sixsps.singularity import SINGULAR_CONDITION, condition_numbers
 
 # A chunk takes some tenths of a millisecond: long beside handing it out, and every thread gets its share.
-_CHUNK, _LEAST_CHUNK = 8192, 512
+_CHUNK, _LEAST_CHUNK = 8192, 2048
 # What is looked at anew where a chunk has a doubtful sample.
 _PART = 64
 _DOUBLE = np.dtype(np.float64)
@@ -208,12 +209,7 @@ class CompiledMechanism:
             parts = [slice(first, min(first + _PART, stop)) for first in range(start, stop, _PART)]
             return [part for part in parts if not call(part.start, part.stop)]
 
-        if self.threads == 1 or len(starts) < 2:
-            doubtful = [chunk(start) for start in starts]
-        else:
-            # Threads of its own for every call: nothing to go wrong after a fork, and cheap beside a chunk.
-            with ThreadPoolExecutor(min(self.threads, len(starts))) as pool:
-                doubtful = list(pool.map(chunk, starts))
+        doubtful = _shared(chunk, starts, self.threads)
         for part in chain.from_iterable(doubtful):
             self._blank_singular(motion, part, found)
         return found
@@ -270,6 +266,33 @@ def compile(mechanism: Mechanism, threads: int | None = None) -> CompiledMechani
         InputError: `threads` is not a positive number.
     """
     return CompiledMechanism(mechanism, threads)
+
+
+def _shared(function: Callable[[int], list[slice]], starts: Sequence[int], threads: int) -> list[list[slice]]:
+    """Returns what a function makes of each start, in any order; this thread and others take turns.
+
+    The others live as long as the call: there is nothing to go wrong after a fork.
+    """
+    found: list[list[slice]] = []
+    errors: list[BaseException] = []
+    waiting = iter(starts)
+
+    def work() -> None:
+        try:
+            for start in waiting:
+                found.append(function(start))  # noqa: PERF401  threads extend no list at once
+        except BaseException as error:
+            errors.append(error)
+
+    others = [Thread(target=work) for _ in range(min(threads, len(starts)) - 1)]
+    for thread in others:
+        thread.start()
+    work()
+    for thread in others:
+        thread.join()
+    if errors:
+        raise errors[0]
+    return found
 
 
 def _threads(given: int | None) -> int:
