@@ -1,4 +1,7 @@
-"""Names and paths of the command line to mechanisms and motions."""
+"""Names and paths of the command line to mechanisms and motions.
+
+What reads files is imported where there is one to read: pyarrow takes longer than most bundled motions.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +15,6 @@ from sixsps.errors import InputError, MotionError, OutputError
 from sixsps.files import exists
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
-from sixsps.motion_stream import open_motion
-from sixsps.table_stream import row_count
 from sixsps.trajectories import bundled, bundled_motions, fitted
 
 # A bundled motion is made at once: some gigabytes, with the leg kinematics of a comparison.
@@ -124,6 +125,9 @@ def open_motions(
     Raises:
         MotionError: as `load_motion`.
     """
+    from sixsps.motion_stream import open_motion
+    from sixsps.table_stream import row_count
+
     of_all_samples = samples is not None or cutoff is not None or fit or name_or_path in bundled_motions()
     path = Path(name_or_path)
     if not of_all_samples and exists(path) and row_count(path)[0] > _LONG:
@@ -135,6 +139,8 @@ def open_motions(
 
 def _check_fits(path: Path) -> None:
     """Raises MotionError for a file whose motion this machine's memory cannot hold."""
+    from sixsps.table_stream import row_count
+
     rows, exact = row_count(path)
     most = _memory() // _BYTES_A_SAMPLE
     if rows > most:

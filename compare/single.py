@@ -31,7 +31,7 @@ _LENGTHS = tuple(f"l{leg}" for leg in _LEGS)
 _RATES = tuple(f"dl{leg}" for leg in _LEGS)
 # A block's arrays stay in the cache, and a few dozen calls of numpy are short beside its numbers.
 _BLOCK = 32768
-# To start an engine's process takes as long as the forces of some thousands of samples.
+# To start the process of an engine takes as long as the forces of some ten thousand samples.
 _PROCESS_BLOCK = 131072
 # Leg kinematics are some kilobytes a sample.
 _KINEMATICS_BLOCK = 1024
