@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from compare.engines.formulation import FormulationEngine
 from sixsps.formulations import fast
-from sixsps.kernels.compiled import kernel
-from sixsps.kernels.signatures import EQUATIONS, LEG_MOTION
 from sixsps.mechanism import Mechanism
 
 
@@ -23,7 +21,4 @@ class Fast(FormulationEngine):
 
     def __init__(self, mechanism: Mechanism) -> None:
         super().__init__(mechanism)
-        # Compiled or read from disk here and not while samples are timed; the others judge a doubtful pose.
-        fast.compiled(mechanism)
-        for signature in (EQUATIONS, LEG_MOTION):
-            kernel(signature)
+        fast.compiled(mechanism)  # compiled or read from disk here and not while samples are timed
