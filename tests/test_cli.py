@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import os
-import pty
 import re
 import signal
 import subprocess
@@ -15,6 +14,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from cases import RECORDED
+from terminals import on_terminal
 
 import sixsps
 from compare.registry import ENGINES, TRAPS
@@ -162,27 +162,8 @@ class TestCompare:
         assert results["limit_violations"] == []
 
     def test_terminal_shows_progress_on_standard_error_only(self, tmp_path):
-        main, other = pty.openpty()
-        with subprocess.Popen(
-            [*COMMAND, "compare", "--samples", "50", "--engine", "kane"],
-            cwd=tmp_path,
-            stdout=subprocess.PIPE,
-            stderr=other,
-            env=os.environ | {"TERM": "xterm-256color"},
-        ) as process:
-            os.close(other)
-            shown = b""
-            while True:
-                try:
-                    piece = os.read(main, 4096)
-                except OSError:
-                    break
-                shown += piece
-                if not piece:
-                    break
-            out = process.stdout.read()
-        os.close(main)
-        assert process.returncode == 0
+        command = [*COMMAND, "compare", "--samples", "50", "--engine", "kane"]
+        out, shown = on_terminal(command, cwd=tmp_path)
         assert b"kane" in shown
         assert b"\x1b" not in out
 

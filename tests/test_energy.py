@@ -23,7 +23,8 @@ from sixsps.rotation import quaternion_rates
 from sixsps.trajectories import home_position
 
 UNIT_ROUNDOFF = np.finfo(float).eps / 2
-# Seen were 0.7 on the way there and 0.6 on the way back, on 300 random mechanisms; see `assert_inverses`.
+# Seen were 0.7 on the way there and 0.6 on the way back, on 300 random mechanisms; see
+# `assert_inverses` in test_dynamics.py.
 FACTOR = 10
 NAMES = [*BUNDLED, *range(20)]
 

@@ -8,7 +8,7 @@ import pyarrow.parquet
 import pytest
 from cases import FIELDS, random_mechanism, random_motion
 from scipy.spatial.transform import Rotation
-from texts import ACCELERATIONS, FORMATS, TWIST, motion_refusal, put, table
+from texts import ACCELERATIONS, FORMATS, TWIST, damaged, motion_refusal, put, table
 
 from sixsps import table_stream
 from sixsps.errors import MotionError, OutputError
@@ -231,14 +231,10 @@ def test_what_is_no_table_is_refused_as_when_read_at_once(tmp_path, form, conten
 
 def test_a_damaged_parquet_file_never_ends_in_another_error(tmp_path):
     good = put(tmp_path, some(), "parquet").read_bytes()
-    rng = np.random.default_rng(6)
     path = tmp_path / "bad.parquet"
     refused = 0
-    for _ in range(300):
-        damaged = bytearray(good[: rng.integers(8, len(good))] if rng.random() < 0.1 else good)
-        for place in rng.integers(0, len(damaged), 3):
-            damaged[place] = rng.integers(256)
-        path.write_bytes(damaged)
+    for content in damaged(good, 300):
+        path.write_bytes(content)
         message = message_or_nothing(path)
         if message:
             refused += 1

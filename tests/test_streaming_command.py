@@ -1,7 +1,5 @@
 """`sixsps forces` and `sixsps ik` on long files, as a user runs them: memory, interruptions, full disks."""
 
-import os
-import pty
 import resource
 import signal
 import subprocess
@@ -13,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 import pytest
+from terminals import on_terminal
 
 import sixsps
 from sixsps.motion import Motion
@@ -211,23 +210,9 @@ def test_lengths_are_streamed_too(tmp_path, wu2012):
 
 def test_a_terminal_shows_how_much_is_done(tmp_path):
     motion = write_long(tmp_path / "m.parquet", 140_000)
-    main, other = pty.openpty()
-    with subprocess.Popen(
-        [*COMMAND, "forces", "wu2012", str(motion), "--engine", "fast", "--output", str(tmp_path / "f.csv")],
-        stdout=subprocess.PIPE, stderr=other, env=os.environ | {"TERM": "xterm-256color", "COLUMNS": "80"},
-    ) as process:  # fmt: skip
-        os.close(other)
-        shown = b""
-        while True:
-            try:
-                piece = os.read(main, 4096)
-            except OSError:
-                break
-            shown += piece
-            if not piece:
-                break
-        assert process.stdout.read() == b""
-    os.close(main)
-    assert process.returncode == 0
+    output = str(tmp_path / "f.csv")
+    command = [*COMMAND, "forces", "wu2012", str(motion), "--engine", "fast", "--output", output]
+    written, shown = on_terminal(command)
+    assert written == b""
     assert b"fast" in shown
     assert b"/140000" in shown

@@ -15,6 +15,7 @@ from texts import (
     AWKWARD,
     FORMATS,
     TWIST,
+    damaged,
     loaded_or_refused,
     motion_refusal,
     numbered,
@@ -258,14 +259,10 @@ def test_parquet_columns_that_are_no_numbers_are_refused(tmp_path, values):
 def test_a_damaged_parquet_file_never_ends_in_another_error(tmp_path):
     still(20, force=np.random.default_rng(5).standard_normal((20, 3))).save(tmp_path / "good.parquet")
     good = (tmp_path / "good.parquet").read_bytes()
-    rng = np.random.default_rng(6)
     path = tmp_path / "bad.parquet"
     refused = 0
-    for _ in range(300):
-        damaged = bytearray(good[: rng.integers(8, len(good))] if rng.random() < 0.1 else good)
-        for place in rng.integers(0, len(damaged), 3):
-            damaged[place] = rng.integers(256)
-        path.write_bytes(damaged)
+    for content in damaged(good, 300):
+        path.write_bytes(content)
         _, message = loaded_or_refused(path)
         if message:
             refused += 1

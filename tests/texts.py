@@ -123,3 +123,13 @@ def row(number, form):
 def numbered(message, form):
     """A Parquet file has no lines; whether a message counts them all the same is left open."""
     return re.sub(r" \(line \d+\)", "", message) if form == "parquet" else message
+
+
+def damaged(content, number, seed=6):
+    """Copies of a file's bytes, three of which are changed in each, one in ten cut short."""
+    rng = np.random.default_rng(seed)
+    for _ in range(number):
+        copy = bytearray(content[: rng.integers(8, len(content))] if rng.random() < 0.1 else content)
+        for place in rng.integers(0, len(copy), 3):
+            copy[place] = rng.integers(256)
+        yield bytes(copy)
