@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from sixsps.dynamics import kinetic_energy as kinetic_energy
     from sixsps.dynamics import mass_matrix as mass_matrix
     from sixsps.dynamics import potential_energy as potential_energy
+    from sixsps.errors import ConvergenceError as ConvergenceError
     from sixsps.errors import EngineError as EngineError
     from sixsps.errors import EngineUnavailable as EngineUnavailable
     from sixsps.errors import InputError as InputError
@@ -41,12 +42,14 @@ if TYPE_CHECKING:
     from sixsps.mechanism import Platform as Platform
     from sixsps.mechanism_file import bundled_mechanisms as bundled_mechanisms
     from sixsps.motion import Motion as Motion
+    from sixsps.pose import Pose as Pose
     from sixsps.regressor import inertial_parameters as inertial_parameters
     from sixsps.regressor import wrench_forces as wrench_forces
 
 # Imported when first asked for: the module alone has to be there at once.
 _PLACES = {
     "CompiledMechanism": "kernels.model",
+    "ConvergenceError": "errors",
     "EngineError": "errors",
     "EngineUnavailable": "errors",
     "InputError": "errors",
@@ -59,6 +62,7 @@ _PLACES = {
     "MotionError": "errors",
     "OutputError": "errors",
     "Platform": "mechanism",
+    "Pose": "pose",
     "SixspsError": "errors",
     "State": "dynamics",
     "UnknownNameError": "errors",

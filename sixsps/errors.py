@@ -89,3 +89,20 @@ class EngineUnavailable(SixspsError):  # noqa: N818  the name is the condition
 
 class EngineError(SixspsError):
     """An engine that is there but did not give forces."""
+
+
+class ConvergenceError(SixspsError):
+    """An iteration that ended without a solution.
+
+    Args:
+        status: why: `unreachable`, `singular` or `limit`.
+        message: what was sought, how far the iteration came, and what to do.
+    """
+
+    def __init__(self, status: str, message: str) -> None:
+        super().__init__(status, message)
+        self.status = status
+        self.message = message
+
+    def __str__(self) -> str:
+        return printable(self.message)
