@@ -12,13 +12,13 @@ from sixsps.arrays import Array
 from sixsps.errors import OutputError, printable
 from sixsps.files import output_folder, write_atomically
 from sixsps.formulations import inverse_dynamics
+from sixsps.home import home_position
 from sixsps.kinematics import inverse_kinematics
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
 from sixsps.parameters import MOTION_COLUMNS, parameter_vector
 from sixsps.symbolic.c_code import header, source
 from sixsps.symbolic.c_header import HEADER, NUMBERS, SOURCE, comment, parameter_ranges, versions
-from sixsps.trajectories import home_position
 
 EXAMPLE = "example.c"
 
@@ -42,7 +42,9 @@ def export_c(mechanism: Mechanism, folder: Path, derivatives: bool = False) -> l
 
     Raises:
         OutputError: the folder cannot be written, or a file of one of these names is not of this command.
+        MechanismError: a mechanism of geometry alone.
     """
+    mechanism.check_inertia()
     contents = {
         SOURCE: source(derivatives),
         HEADER: header(derivatives),

@@ -84,7 +84,11 @@ def compare(
 
     Returns:
         The comparison; an engine that fails is an entry of it, never an exception.
+
+    Raises:
+        MechanismError: a mechanism of geometry alone.
     """
+    mechanism.check_inertia()
     kinematics = inverse_kinematics(mechanism, motion)
     regular = kinematics.condition <= SINGULAR_CONDITION
     names = [*engines, *traps]

@@ -43,7 +43,8 @@ def cases(motions: Sequence[str], engines: Sequence[str], samples: int) -> Itera
         MotionError: a file cannot be read; before anything is computed.
         EngineError: nothing can be certified.
     """
-    mechanisms = [Mechanism.load(name) for name in bundled_mechanisms()]
+    bundled = (Mechanism.load(name) for name in bundled_mechanisms())
+    mechanisms = [mechanism for mechanism in bundled if mechanism.has_inertia]
     pairs = [(mechanism, _motion(name, mechanism, samples)) for mechanism in mechanisms for name in motions]
     for mechanism, motion in pairs:
         with watching(len(motion)) as watch:

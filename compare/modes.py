@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from sixsps.arrays import Array
 from sixsps.errors import InputError, printable
-from sixsps.trajectories import home_position
+from sixsps.home import home_position
 
 if TYPE_CHECKING:
     from sixsps.mechanism import Mechanism

@@ -88,10 +88,11 @@ def forces_calculation(engine: str | None, mechanism: Mechanism, reactions: bool
             a1x,a1y,a1z..a6z and b1x..b6z [N].
 
     Raises:
-        InputError: reactions of another engine.
+        InputError: reactions of another engine, or a mechanism of geometry alone.
         EngineUnavailable: the library of `fast` is missing or broken; of others that is found out
             when they calculate.
     """
+    mechanism.check_inertia()
     name = chosen_engine(engine, reactions)
     if reactions:
         names, calculate = (*_FORCES, *_REACTIONS), partial(_reactions, mechanism)

@@ -13,6 +13,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from sixsps.bodies import Leg as Leg
+    from sixsps.bodies import Link as Link
+    from sixsps.bodies import Platform as Platform
     from sixsps.dynamics import State as State
     from sixsps.dynamics import bias as bias
     from sixsps.dynamics import forward_dynamics as forward_dynamics
@@ -36,10 +39,8 @@ if TYPE_CHECKING:
     from sixsps.kernels.model import compile as compile  # noqa: A004
     from sixsps.kinematics import LegKinematics as LegKinematics
     from sixsps.kinematics import inverse_kinematics as inverse_kinematics
-    from sixsps.mechanism import Leg as Leg
-    from sixsps.mechanism import Link as Link
+    from sixsps.limits import Limits as Limits
     from sixsps.mechanism import Mechanism as Mechanism
-    from sixsps.mechanism import Platform as Platform
     from sixsps.mechanism_file import bundled_mechanisms as bundled_mechanisms
     from sixsps.motion import Motion as Motion
     from sixsps.pose import Pose as Pose
@@ -53,15 +54,16 @@ _PLACES = {
     "EngineError": "errors",
     "EngineUnavailable": "errors",
     "InputError": "errors",
-    "Leg": "mechanism",
+    "Leg": "bodies",
     "LegKinematics": "kinematics",
-    "Link": "mechanism",
+    "Limits": "limits",
+    "Link": "bodies",
     "Mechanism": "mechanism",
     "MechanismError": "errors",
     "Motion": "motion",
     "MotionError": "errors",
     "OutputError": "errors",
-    "Platform": "mechanism",
+    "Platform": "bodies",
     "Pose": "pose",
     "SixspsError": "errors",
     "State": "dynamics",

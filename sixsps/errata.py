@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from sixsps.bodies import Platform
 from sixsps.certified import certified_inverse_dynamics
 from sixsps.files import write_atomically
 from sixsps.formulations.wu2012_printed import MISPRINTS, Misprint, inverse_dynamics
-from sixsps.mechanism import Mechanism, Platform
+from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
 from sixsps.trajectories import bundled
 

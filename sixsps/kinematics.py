@@ -32,12 +32,10 @@ class LegKinematics:
         length_accelerations: (n, 6) [m/s^2].
         leg_angular_velocity: (n, 6, 3) [rad/s]; no spin about the leg axis.
         leg_angular_acceleration: (n, 6, 3) [rad/s^2].
-        lower_velocity: (n, 6, 3) of the lower links' centres of mass [m/s].
-        lower_acceleration: (n, 6, 3) [m/s^2].
-        upper_velocity: (n, 6, 3) of the upper links' centres of mass [m/s].
-        upper_acceleration: (n, 6, 3) [m/s^2].
+        direction_rates: (n, 6, 3) s_i' [1/s].
+        direction_accelerations: (n, 6, 3) s_i'' [1/s^2].
         coordinates: (n,) largest coordinate that a leg vector is the difference of [m].
-        characteristic_length: length that makes `condition` independent of units [m].
+        mechanism: whose legs these are.
     """
 
     arms: Array
@@ -50,12 +48,35 @@ class LegKinematics:
     length_accelerations: Array
     leg_angular_velocity: Array
     leg_angular_acceleration: Array
-    lower_velocity: Array
-    lower_acceleration: Array
-    upper_velocity: Array
-    upper_acceleration: Array
+    direction_rates: Array
+    direction_accelerations: Array
     coordinates: Array
-    characteristic_length: float
+    mechanism: Mechanism
+
+    @cached_property
+    def lower_velocity(self) -> Array:
+        """(n, 6, 3) of the lower links' centres of mass [m/s]."""
+        return self.mechanism.lower.com[:, None] * self.direction_rates
+
+    @cached_property
+    def lower_acceleration(self) -> Array:
+        """(n, 6, 3) of the lower links' centres of mass [m/s^2]."""
+        return self.mechanism.lower.com[:, None] * self.direction_accelerations
+
+    @cached_property
+    def upper_velocity(self) -> Array:
+        """(n, 6, 3) of the upper links' centres of mass [m/s]."""
+        return self.anchor_velocity - self.mechanism.upper.com[:, None] * self.direction_rates
+
+    @cached_property
+    def upper_acceleration(self) -> Array:
+        """(n, 6, 3) of the upper links' centres of mass [m/s^2]."""
+        return self.anchor_acceleration - self.mechanism.upper.com[:, None] * self.direction_accelerations
+
+    @property
+    def characteristic_length(self) -> float:
+        """Length that makes `condition` independent of units [m]."""
+        return self.mechanism.characteristic_length
 
     @cached_property
     def jacobian(self) -> Array:
@@ -83,7 +104,7 @@ def inverse_kinematics(mechanism: Mechanism, motion: Motion) -> LegKinematics:
     """Returns the motion of the legs that a motion of the platform imposes (paper section 4).
 
     Args:
-        mechanism: geometry, and the links' centres of mass.
+        mechanism: geometry; its links only for the motion of their centres of mass.
         motion: n samples.
 
     Returns:
@@ -106,7 +127,6 @@ def inverse_kinematics(mechanism: Mechanism, motion: Motion) -> LegKinematics:
         omega_squared = _dot(omega_l, omega_l)
     ds = cross(omega_l, s)
     dds = cross(epsilon_l, s) - omega_squared * s
-    e_d, e_u = mechanism.lower.com[:, None], mechanism.upper.com[:, None]
     return LegKinematics(
         arms=c,
         leg_vectors=S,
@@ -118,12 +138,10 @@ def inverse_kinematics(mechanism: Mechanism, motion: Motion) -> LegKinematics:
         length_accelerations=(_dot(s, ddS) + l * omega_squared)[..., 0],
         leg_angular_velocity=omega_l,
         leg_angular_acceleration=epsilon_l,
-        lower_velocity=e_d * ds,
-        lower_acceleration=e_d * dds,
-        upper_velocity=dS - e_u * ds,
-        upper_acceleration=ddS - e_u * dds,
+        direction_rates=ds,
+        direction_accelerations=dds,
         coordinates=np.maximum(np.abs(motion.position).max(axis=1), np.abs(mechanism.base_anchors).max()),
-        characteristic_length=mechanism.characteristic_length,
+        mechanism=mechanism,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -11,9 +11,11 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError
 
+from sixsps.bodies import Leg, Link, Platform
 from sixsps.errors import MechanismError
 from sixsps.files import exists, read_bytes, write_atomically
-from sixsps.mechanism import Leg, Link, Mechanism, Platform
+from sixsps.limits import Limits
+from sixsps.mechanism import Mechanism
 from sixsps.yaml_reader import Document, read_document, write_document
 
 # The largest bundled file has 2 kB; a mechanism has about 200 numbers however it is laid out.
@@ -48,6 +50,10 @@ class _Platform(_Section):
     inertia: _Inertia
 
 
+class _BarePlatform(_Section):
+    anchors: Anchors
+
+
 class _LinkInertia(_Section):
     transverse: Number
     axial: Number
@@ -67,6 +73,10 @@ class _Leg(_Section):
     length_limits: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
 
 
+class _BareLeg(_Section):
+    length_limits: Annotated[list[Number], Field(min_length=2, max_length=2)]
+
+
 def _shape_of_legs(value: object) -> str:
     return "each" if isinstance(value, list) else "shared"
 
@@ -75,6 +85,22 @@ _Six = Annotated[list[_Leg], Field(min_length=6, max_length=6)]
 _Legs = Annotated[
     Annotated[_Leg, Tag("shared")] | Annotated[_Six, Tag("each")], Discriminator(_shape_of_legs)
 ]
+_BareSix = Annotated[list[_BareLeg], Field(min_length=6, max_length=6)]
+_BareLegs = Annotated[
+    Annotated[_BareLeg, Tag("shared")] | Annotated[_BareSix, Tag("each")], Discriminator(_shape_of_legs)
+]
+
+
+class _Limits(_Section):
+    """Keys alone: what their values may be is for `Limits` to say."""
+
+    force: Any = None
+    rate: Any = None
+    base_cone: Any = None
+    base_axes: Any = None
+    platform_cone: Any = None
+    platform_axes: Any = None
+    clearance: Any = None
 
 
 class _File(_Section):
@@ -85,6 +111,20 @@ class _File(_Section):
     base: _Base
     platform: _Platform
     legs: _Legs
+    limits: _Limits = _Limits()
+
+
+class _BareFile(_Section):
+    """A file of geometry alone."""
+
+    name: str
+    source: str = ""
+    assumed: dict[str, str] = {}
+    gravity: Vector | None = None
+    base: _Base
+    platform: _BarePlatform
+    legs: _BareLegs | None = None
+    limits: _Limits = _Limits()
 
 
 def bundled_mechanisms() -> list[str]:
@@ -120,10 +160,11 @@ def parse(content: bytes, source: str) -> Mechanism:
         MechanismError: naming `source` and line, key, value and what is allowed.
     """
     document = read_document(content, source)
+    schema = _BareFile if _is_bare(document.content) else _File
     try:
-        return _mechanism(_File.model_validate(document.content))
+        return _mechanism(schema.model_validate(document.content))
     except ValidationError as error:
-        raise _explained(error, document) from None
+        raise _explained(error, document, schema) from None
     except MechanismError as error:
         path = tuple(error.place.replace("[", ".").replace("]", "").replace(", ", ".").split("."))
         raise MechanismError(error.place, error.value, error.allowed, document.locate(path)) from None
@@ -144,8 +185,40 @@ def _data() -> Traversable:
     return resources.files("sixsps") / "data"
 
 
-def _mechanism(file: _File) -> Mechanism:
-    inertia = file.platform.inertia
+def _is_bare(content: object) -> bool:
+    """Whether the content has nothing of inertia: what has some of it has forgotten the rest."""
+    if not isinstance(content, dict):
+        return False
+    platform, legs = content.get("platform"), content.get("legs", {})
+    return (
+        isinstance(platform, dict)
+        and not {"mass", "com", "inertia"} & platform.keys()
+        and all(
+            isinstance(leg, dict) and not {"lower", "upper"} & leg.keys()
+            for leg in (legs if isinstance(legs, list) else [legs])
+        )
+    )
+
+
+def _mechanism(file: _File | _BareFile) -> Mechanism:
+    inertial: dict[str, Any] = {} if file.gravity is None else {"gravity": np.array(file.gravity)}
+    if isinstance(file, _File):
+        inertial["platform"] = _platform(file.platform)
+    if file.legs is not None:
+        inertial["legs"] = tuple(_legs(file.legs))
+    return Mechanism(
+        name=file.name,
+        base_anchors=np.array(file.base.anchors),
+        platform_anchors=np.array(file.platform.anchors),
+        source=file.source,
+        assumed=file.assumed,
+        limits=Limits.of(file.limits.model_dump()),
+        **inertial,
+    )
+
+
+def _platform(platform: _Platform) -> Platform:
+    inertia = platform.inertia
     matrix = np.array(
         [
             [inertia.xx, inertia.xy, inertia.xz],
@@ -153,33 +226,25 @@ def _mechanism(file: _File) -> Mechanism:
             [inertia.xz, inertia.yz, inertia.zz],
         ]
     )
-    return Mechanism(
-        name=file.name,
-        gravity=np.array(file.gravity),
-        base_anchors=np.array(file.base.anchors),
-        platform_anchors=np.array(file.platform.anchors),
-        platform=Platform(file.platform.mass, np.array(file.platform.com), matrix),
-        legs=tuple(_legs(file.legs)),
-        source=file.source,
-        assumed=file.assumed,
-    )
+    return Platform(platform.mass, np.array(platform.com), matrix)
 
 
-def _legs(legs: _Leg | list[_Leg]) -> Iterator[Leg]:
-    if isinstance(legs, list):
+def _legs(legs: _Leg | _BareLeg | Sequence[_Leg | _BareLeg]) -> Iterator[Leg]:
+    if isinstance(legs, Sequence):
         for index, leg in enumerate(legs):
             yield _leg(leg, f"legs.{index}")
     else:
         yield from [_leg(legs, "legs")] * 6
 
 
-def _leg(leg: _Leg, place: str) -> Leg:
-    lower = _link(leg.lower, f"{place}.lower")
-    upper = _link(leg.upper, f"{place}.upper")
-    if leg.length_limits is None:
-        return Leg(lower, upper)
+def _leg(leg: _Leg | _BareLeg, place: str) -> Leg:
+    halves: dict[str, Any] = {}
+    if isinstance(leg, _Leg):
+        halves = {name: _link(getattr(leg, name), f"{place}.{name}") for name in ("lower", "upper")}
+    if leg.length_limits is not None:
+        halves["length_limits"] = (leg.length_limits[0], leg.length_limits[1])
     try:
-        return Leg(lower, upper, (leg.length_limits[0], leg.length_limits[1]))
+        return Leg(**halves)
     except MechanismError as error:
         raise MechanismError(f"{place}.{error.place}", error.value, error.allowed) from None
 
@@ -209,7 +274,7 @@ _ALLOWED = {
 }
 
 
-def _explained(error: ValidationError, document: Document) -> MechanismError:
+def _explained(error: ValidationError, document: Document, schema: type[BaseModel]) -> MechanismError:
     detail = error.errors(include_url=False)[0]
     path = list(detail["loc"])
     if path[:1] == ["legs"] and path[1:2] in (["shared"], ["each"]):
@@ -222,7 +287,7 @@ def _explained(error: ValidationError, document: Document) -> MechanismError:
     elif isinstance(value, str):
         value = repr(value)  # with the quotes that tell text from a number
     if kind == "extra_forbidden":
-        allowed = _known_keys(path[:-1])
+        allowed = _known_keys(schema, path[:-1])
     elif kind in ("too_short", "too_long"):
         context: dict[str, Any] = detail["ctx"]
         value = f"{context['actual_length']} entries"
@@ -230,8 +295,8 @@ def _explained(error: ValidationError, document: Document) -> MechanismError:
     return MechanismError(place, value, allowed, document.locate(tuple(map(str, path))))
 
 
-def _known_keys(path: list[int | str]) -> str:
-    section: type[BaseModel] = _File
+def _known_keys(schema: type[BaseModel], path: list[int | str]) -> str:
+    section = schema
     for part in path:
         if isinstance(part, int):
             continue
@@ -242,6 +307,7 @@ def _known_keys(path: list[int | str]) -> str:
             "lower": _Link,
             "upper": _Link,
             "inertia": _Inertia if section is _Platform else _LinkInertia,
+            "limits": _Limits,
         }
         section = sections[part]
     return "the keys " + ", ".join(section.model_fields)

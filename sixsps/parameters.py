@@ -37,14 +37,20 @@ MOTION_COLUMNS: dict[str, tuple[tuple[str, int], ...]] = {
 
 
 def parameter_vector(mechanism: Mechanism) -> Array:
-    """Returns the (97,) numbers of a mechanism in the order of `PARAMETERS`, SI units."""
+    """Returns the (97,) numbers of a mechanism in the order of `PARAMETERS`, SI units.
+
+    Gravity and inertia of a mechanism of geometry alone are NaN: nothing that comes of them is a number.
+    """
+    anchors = [mechanism.base_anchors.ravel(), mechanism.platform_anchors.ravel()]
+    if not mechanism.has_inertia:
+        unknown = len(PARAMETERS) - 3 - sum(len(part) for part in anchors)
+        return np.concatenate([np.full(3, np.nan), *anchors, np.full(unknown, np.nan)])
     inertia = mechanism.platform.inertia
     links = [link for leg in mechanism.legs for link in (leg.lower, leg.upper)]
     return np.concatenate(
         [
             mechanism.gravity,
-            mechanism.base_anchors.ravel(),
-            mechanism.platform_anchors.ravel(),
+            *anchors,
             [mechanism.platform.mass],
             mechanism.platform.com,
             [inertia[entry] for entry in _INERTIA.values()],

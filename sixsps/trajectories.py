@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from sixsps.arrays import Array
 from sixsps.errors import MotionError, UnknownNameError
+from sixsps.home import home_position
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
 from sixsps.rotation import euler_motion
@@ -206,34 +207,6 @@ def _translation(
         force=np.broadcast_to(force, position.shape),
         name=name,
     )
-
-
-def home_position(mechanism: Mechanism) -> Array:
-    """Returns the position above the base at which the legs are on average at mid-stroke.
-
-    The platform keeps its orientation, its anchors' centroid straight above the base anchors'
-    centroid, "above" being the normal of the base that points against gravity. Where the legs are too
-    short for that at any height, half their middle length serves as the height.
-
-    Returns:
-        (3,) platform origin, world frame [m].
-    """
-    from scipy.optimize import brentq
-
-    A, b = mechanism.base_anchors, mechanism.platform_anchors
-    normal = np.linalg.svd(A - A.mean(axis=0))[2][2]
-    upwards = -mechanism.gravity if mechanism.gravity @ normal else np.array([0.0, 0.0, 1.0])
-    normal = normal if normal @ upwards >= 0 else -normal
-    foot = A.mean(axis=0) - b.mean(axis=0)
-    middle = float(mechanism.length_limits.mean())
-
-    def excess(height: float) -> float:
-        legs = foot + height * normal + b - A
-        return float(np.linalg.norm(legs, axis=1).mean()) - middle
-
-    highest = 2 * middle + float(np.abs(b - A + foot).sum())
-    height = brentq(excess, 0.0, highest) if excess(0.0) < 0 else middle / 2
-    return np.asarray(foot + height * normal)
 
 
 def fitted(motion: Motion, mechanism: Mechanism) -> Motion:

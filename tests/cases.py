@@ -6,10 +6,12 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from sixsps.bodies import Leg, Link, Platform
+from sixsps.home import home_position
 from sixsps.kinematics import inverse_kinematics
-from sixsps.mechanism import Leg, Link, Mechanism, Platform
+from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
-from sixsps.trajectories import home_position, sinusoids
+from sixsps.trajectories import sinusoids
 
 BUNDLED = ("wu2012", "tsai2000", "taghirad2013")
 RECORDED = Path(__file__).parents[2] / "shared" / "data" / "recorded_motion.csv"

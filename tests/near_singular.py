@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 import sixsps
 from compare.metrics import loads
 from sixsps.formulations.kane import actuator_wrench
+from sixsps.home import home_position
 from sixsps.kinematics import inverse_kinematics
-from sixsps.trajectories import bundled, home_position
+from sixsps.trajectories import bundled
 
 
 def near_singular(mechanism, condition, seed=0, samples=6):

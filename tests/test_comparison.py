@@ -232,7 +232,7 @@ def test_far_from_the_origin_the_bound_holds_what_engines_differ_by(wu2012):
 
 def test_gimbal_lock_of_the_urdf_ball_is_told_and_the_true_ball_goes_on():
     """A leg at a right angle to its home direction: a regular pose that three revolutes cannot take."""
-    from sixsps.trajectories import home_position
+    from sixsps.home import home_position
 
     wu2012 = sixsps.Mechanism.load("wu2012")
     home = home_position(wu2012) + wu2012.platform_anchors - wu2012.base_anchors

@@ -9,8 +9,9 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 import sixsps
+from sixsps.home import home_position
 from sixsps.kinematics import inverse_kinematics
-from sixsps.trajectories import bundled, home_position
+from sixsps.trajectories import bundled
 from urdf.layout import Layout
 
 dartpy = pytest.importorskip("dartpy")

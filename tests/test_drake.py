@@ -14,9 +14,10 @@ from compare.engines import drake
 from compare.engines.drake import Drake, DrakeUps
 from compare.tolerances import TOLERANCES, UNIT_ROUNDOFF
 from compare.traps.drake import DrakeTree
+from sixsps.bodies import Leg, Platform
 from sixsps.errors import EngineError
 from sixsps.kinematics import inverse_kinematics
-from sixsps.mechanism import Leg, Mechanism, Platform
+from sixsps.mechanism import Mechanism
 from sixsps.trajectories import bundled
 
 ROUNDING = TOLERANCES["drake"].rounding_factor * UNIT_ROUNDOFF

@@ -9,9 +9,11 @@ from cases import at_rest, random_mechanism, still
 import sixsps
 from compare.forward import FORWARD
 from compare.registry import load_entry
+from sixsps.bodies import Leg
+from sixsps.home import home_position
 from sixsps.kinematics import inverse_kinematics
-from sixsps.mechanism import Leg, Mechanism
-from sixsps.trajectories import bundled, fitted, home_position, quintic, sinusoids
+from sixsps.mechanism import Mechanism
+from sixsps.trajectories import bundled, fitted, quintic, sinusoids
 
 pytest.importorskip("exudyn")
 driven = pytest.importorskip("compare.forward.exudyn")

@@ -13,6 +13,7 @@ from test_newton_euler import OpenTree
 
 import sixsps
 from sixsps import symbolic
+from sixsps.bodies import Leg, Link
 from sixsps.dynamics import (
     State,
     bias,
@@ -22,7 +23,7 @@ from sixsps.dynamics import (
     potential_energy,
 )
 from sixsps.kinematics import inverse_kinematics
-from sixsps.mechanism import Leg, Link, Mechanism
+from sixsps.mechanism import Mechanism
 from sixsps.rotation import skew
 from sixsps.trajectories import bundled
 

@@ -17,10 +17,10 @@ from sixsps.dynamics import (
     mass_matrix,
     potential_energy,
 )
+from sixsps.home import home_position
 from sixsps.kinematics import inverse_kinematics
 from sixsps.mechanism import Mechanism
 from sixsps.rotation import quaternion_rates
-from sixsps.trajectories import home_position
 
 UNIT_ROUNDOFF = np.finfo(float).eps / 2
 # Seen were 0.7 on the way there and 0.6 on the way back, on 300 random mechanisms; see

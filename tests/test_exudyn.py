@@ -8,8 +8,8 @@ from cases import FIELDS, at_rest, random_mechanism, random_motion, wobble
 from scipy.spatial.transform import Rotation
 
 import sixsps
+from sixsps.bodies import Leg
 from sixsps.kinematics import inverse_kinematics
-from sixsps.mechanism import Leg
 from sixsps.motion import Motion
 
 exudyn = pytest.importorskip("exudyn")

@@ -18,9 +18,10 @@ from compare.comparison import compare
 from compare.engines.fast import Fast
 from compare.tolerances import TOLERANCES, UNIT_ROUNDOFF
 from sixsps import certified
+from sixsps.home import home_position
 from sixsps.kernels.compiled import kernel
 from sixsps.kinematics import inverse_kinematics
-from sixsps.trajectories import bundled, fitted, home_position
+from sixsps.trajectories import bundled, fitted
 
 FORMULATIONS = ("kane", "casadi", "lagrange", "newton-euler", "virtual-work")
 # Of what an engine at work may have; 0.007 was seen.

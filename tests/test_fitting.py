@@ -7,11 +7,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from sixsps.bodies import Leg
 from sixsps.errors import SixspsError
+from sixsps.home import home_position
 from sixsps.kinematics import inverse_kinematics
-from sixsps.mechanism import Leg, Mechanism
+from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
-from sixsps.trajectories import fitted, home_position
+from sixsps.trajectories import fitted
 
 
 def with_limits(mechanism, low, high):

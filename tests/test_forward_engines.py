@@ -10,10 +10,11 @@ from cases import at_rest, random_mechanism, random_motion, scaled
 import sixsps
 from compare.forward import FORWARD
 from compare.registry import load_entry
+from sixsps.bodies import Leg, Link
 from sixsps.dynamics import State, bias, kinetic_energy, mass_matrix, potential_energy
+from sixsps.home import home_position
 from sixsps.kinematics import inverse_kinematics
-from sixsps.mechanism import Leg, Link
-from sixsps.trajectories import bundled, fitted, home_position
+from sixsps.trajectories import bundled, fitted
 
 UNIT_ROUNDOFF = 2.0**-53
 # Error of M [a; epsilon] allowed, over the sum of the magnitudes of its terms. Measured: 2.8 and 25 unit

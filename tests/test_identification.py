@@ -10,6 +10,7 @@ from scipy.stats import binom
 from test_regressor import forces_of, with_other_inertia
 
 import sixsps
+from sixsps.home import home_position
 from sixsps.identification import base_parameters, identify
 from sixsps.mechanism import Mechanism
 from sixsps.regressor import (
@@ -17,7 +18,7 @@ from sixsps.regressor import (
     inertial_parameters,
     regressor,
 )
-from sixsps.trajectories import bundled, home_position, quintic
+from sixsps.trajectories import bundled, quintic
 
 KINDS = ("mass", "first_moment", "inertia")
 LEG_NOISE = np.array([0.1, 0.2, 0.3, 0.5, 0.8, 1.0])

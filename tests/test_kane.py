@@ -11,9 +11,10 @@ from scipy.spatial.transform import Rotation
 
 import sixsps
 from sixsps import symbolic
+from sixsps.bodies import Leg, Link, Platform
 from sixsps.formulations import kane
 from sixsps.kinematics import inverse_kinematics
-from sixsps.mechanism import Leg, Link, Mechanism, Platform
+from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
 from sixsps.rotation import euler_rate_matrix, skew
 from sixsps.trajectories import bundled

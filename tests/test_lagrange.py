@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 import sixsps
 from sixsps import symbolic
+from sixsps.bodies import Leg, Link
 from sixsps.formulations import lagrange
 from sixsps.kinematics import inverse_kinematics
-from sixsps.mechanism import Leg, Link
 from sixsps.rotation import skew
 from sixsps.trajectories import bundled
 

@@ -9,8 +9,8 @@ import pytest
 from numpy.testing import assert_array_equal
 from texts import BENCH
 
+from sixsps.bodies import Leg, Link, Platform
 from sixsps.errors import MechanismError
-from sixsps.mechanism import Leg, Link, Platform
 
 LINK = Link(mass=0.5, length=0.45, com=0.2, transverse=0.008, axial=1e-4)
 LEG = Leg(LINK, LINK)

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from texts import BENCH, MECHANISM, edited, line_of, mechanism_refusal, read
 
+from sixsps.bodies import Leg, Link
 from sixsps.errors import MechanismError, OutputError
-from sixsps.mechanism import Leg, Link, Mechanism
+from sixsps.mechanism import Mechanism
 from sixsps.mechanism_file import bundled_mechanisms
 
 ARRAYS = ("gravity", "base_anchors", "platform_anchors")
@@ -128,7 +129,7 @@ def test_saving_where_nothing_can_be_written_leaves_nothing(tmp_path):
 
 
 def test_the_bundled_names_are_all_there():
-    assert bundled_mechanisms() == sorted(BUNDLED)
+    assert bundled_mechanisms() == sorted([*BUNDLED, "dietmaier1998"])
 
 
 def test_bundled_mechanisms_tell_source_and_assumed_values(mechanism):

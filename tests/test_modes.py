@@ -12,12 +12,13 @@ from scipy.linalg import eigh, eigvals
 from scipy.spatial.transform import Rotation
 
 from sixsps import symbolic
+from sixsps.bodies import Platform
 from sixsps.dynamics import State, forward_dynamics
 from sixsps.errors import InputError
+from sixsps.home import home_position
 from sixsps.kinematics import inverse_kinematics
-from sixsps.mechanism import Mechanism, Platform
+from sixsps.mechanism import Mechanism
 from sixsps.modes import modes
-from sixsps.trajectories import home_position
 
 NAMES = [*BUNDLED, *range(8)]
 

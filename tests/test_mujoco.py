@@ -9,10 +9,11 @@ from scipy.spatial.transform import Rotation
 
 import sixsps
 from compare.tolerances import TOLERANCES, UNIT_ROUNDOFF
+from sixsps.bodies import Leg, Platform
+from sixsps.home import home_position
 from sixsps.kinematics import inverse_kinematics
 from sixsps.legs import Legs
-from sixsps.mechanism import Leg, Platform
-from sixsps.trajectories import bundled, home_position
+from sixsps.trajectories import bundled
 from urdf import render_mjcf
 from urdf.layout import Layout
 

@@ -11,11 +11,12 @@ from cases import BUNDLED, at_rest, random_mechanism, random_motion
 from scipy.spatial.transform import Rotation
 
 import sixsps
+from sixsps.bodies import Leg, Link
 from sixsps.formulations.newton_euler import inverse_dynamics, joint_reactions
+from sixsps.home import home_position
 from sixsps.kinematics import inverse_kinematics
-from sixsps.mechanism import Leg, Link
 from sixsps.motion import Motion
-from sixsps.trajectories import bundled, home_position, sinusoids
+from sixsps.trajectories import bundled, sinusoids
 
 UNIT_ROUNDOFF = np.finfo(float).eps / 2
 # Two evaluations of the same forces differ by this many cond(J) unit roundoffs at most; 8 was seen.

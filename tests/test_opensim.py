@@ -18,8 +18,9 @@ from scipy.spatial.transform import Rotation
 
 import sixsps
 from compare.tolerances import TOLERANCES, UNIT_ROUNDOFF
+from sixsps.bodies import Leg, Link, Platform
 from sixsps.kinematics import inverse_kinematics
-from sixsps.mechanism import Leg, Link, Mechanism, Platform
+from sixsps.mechanism import Mechanism
 
 pytestmark = pytest.mark.skipif(find_spec("opensim") is None, reason="package opensim is not installed")
 

@@ -17,7 +17,7 @@ from compare.runner import run
 from compare.summary import answer
 from compare.terminal import terminal
 from compare.tolerances import TOLERANCES
-from sixsps.mechanism import Platform
+from sixsps.bodies import Platform
 from sixsps.trajectories import bundled
 
 

@@ -8,8 +8,9 @@ from cases import BUNDLED, random_mechanism, random_motion
 
 import sixsps
 from sixsps import symbolic
+from sixsps.bodies import Leg, Link, Platform
 from sixsps.kinematics import inverse_kinematics
-from sixsps.mechanism import Leg, Link, Mechanism, Platform
+from sixsps.mechanism import Mechanism
 from sixsps.regressor import (
     INERTIAL_PARAMETERS,
     SHARED_LEG_PARAMETERS,

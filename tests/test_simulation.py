@@ -17,9 +17,10 @@ from compare.simulation.plan import Plan
 from compare.simulation.recover import recover
 from compare.simulation.simulate import Request, simulate
 from sixsps.errors import InputError, UnknownNameError
+from sixsps.home import home_position
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
-from sixsps.trajectories import PAPER_FORCE, bundled, home_position, quintic
+from sixsps.trajectories import PAPER_FORCE, bundled, quintic
 
 
 def engine(name, mechanism):

@@ -13,8 +13,9 @@ from compare.simulation.modes import Mode
 from compare.simulation.outputs import error_columns, motion_columns, summary, write_simulation
 from compare.simulation.simulate import Request, simulate
 from sixsps.formulations import inverse_dynamics
+from sixsps.home import home_position
 from sixsps.motion import Motion
-from sixsps.trajectories import bundled, home_position, quintic
+from sixsps.trajectories import bundled, quintic
 
 KEYS = {
     "engine", "mode", "version", "settings", "max_acceleration_error", "max_position_error_m",

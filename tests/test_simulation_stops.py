@@ -14,11 +14,12 @@ from compare.simulation.integration import Accuracy, integrate
 from compare.simulation.modes import Mode
 from compare.simulation.plan import Plan
 from compare.simulation.simulate import Request, simulate
+from sixsps.bodies import Leg
 from sixsps.dynamics import State
 from sixsps.errors import EngineError, InputError
+from sixsps.home import home_position
 from sixsps.kinematics import inverse_kinematics
-from sixsps.mechanism import Leg
-from sixsps.trajectories import bundled, home_position, quintic
+from sixsps.trajectories import bundled, quintic
 
 
 class Failing(ClosedForm):

@@ -27,7 +27,7 @@ main()
 """
 REST = ("vx", "vy", "vz", "wx", "wy", "wz", "ax", "ay", "az", "ex", "ey", "ez")
 LONG, LONGER = 1_000_000, 3_000_000
-HOME = sixsps.trajectories.home_position(sixsps.Mechanism.load("wu2012"))
+HOME = sixsps.home.home_position(sixsps.Mechanism.load("wu2012"))
 
 
 def write_long(path, rows, **cells):

@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 
 import sixsps
 from sixsps import symbolic
+from sixsps.bodies import Leg, Link, Platform
 from sixsps.kinematics import inverse_kinematics
-from sixsps.mechanism import Leg, Link, Mechanism, Platform
+from sixsps.mechanism import Mechanism
 
 EPS = np.finfo(float).eps
 # Of eighth-order central differences: error of order step^8, rounding of order EPS / step.

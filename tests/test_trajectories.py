@@ -176,7 +176,7 @@ def test_the_papers_line(wu2012):
 
 def test_the_catalogue_is_complete(wu2012):
     assert bundled_motions() == sorted(MOTIONS)
-    assert set(bundled_mechanisms()) == set(BUNDLED)
+    assert {name for name in bundled_mechanisms() if Mechanism.load(name).has_inertia} == set(BUNDLED)
 
 
 @pytest.mark.parametrize("name", MOTIONS)

@@ -14,8 +14,9 @@ from cases import BUNDLED, random_mechanism
 from scipy.spatial.transform import Rotation
 
 import urdf
-from sixsps.mechanism import Mechanism, Platform
-from sixsps.trajectories import home_position
+from sixsps.bodies import Platform
+from sixsps.home import home_position
+from sixsps.mechanism import Mechanism
 from urdf.export import export_mjcf, export_urdf, file_stem
 
 LEGS = range(1, 7)

@@ -10,8 +10,8 @@ import numpy as np
 
 from sixsps.arrays import Array
 from sixsps.errors import printable
+from sixsps.home import home_position
 from sixsps.mechanism import Mechanism
-from sixsps.trajectories import home_position
 
 # Radii of what is drawn, relative to the length of the link; on wu2012 they are the true ones.
 LOWER_RADIUS = 2 / 45

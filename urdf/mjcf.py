@@ -16,8 +16,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sixsps.arrays import Array
+from sixsps.bodies import Leg, Link
 from sixsps.legs import Legs
-from sixsps.mechanism import Leg, Link, Mechanism
+from sixsps.mechanism import Mechanism
 from urdf.closures import CLOSURES, LEGS
 from urdf.layout import LOWER_RADIUS, UPPER_RADIUS, Disc, Layout, LegLayout, provenance
 

@@ -9,8 +9,9 @@ from xml.dom.minidom import Document
 
 import xacro
 
+from sixsps.bodies import Leg, Link
 from sixsps.legs import Legs
-from sixsps.mechanism import Leg, Link, Mechanism
+from sixsps.mechanism import Mechanism
 from urdf.layout import LOWER_RADIUS, UPPER_RADIUS, Disc, Layout, LegLayout, provenance
 
 # URDF demands an effort and a velocity limit of every joint; the mechanism has none to give.

@@ -20,8 +20,9 @@ from scipy.linalg.lapack import dgels
 
 from compare.engine import EngineForces, Progress
 from sixsps.arrays import Array
+from sixsps.bodies import Leg
 from sixsps.errors import EngineError
-from sixsps.mechanism import Leg, Mechanism
+from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
 
 # Its classes carry no types.

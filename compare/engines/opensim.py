@@ -24,8 +24,9 @@ from scipy.linalg.lapack import dgels
 
 from compare.engine import EngineForces, Progress
 from sixsps.arrays import Array
+from sixsps.bodies import Link
 from sixsps.errors import EngineError
-from sixsps.mechanism import Link, Mechanism
+from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
 
 # With its first message it would open opensim.log in the working directory.

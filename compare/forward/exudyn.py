@@ -30,9 +30,10 @@ from compare.engine import Progress
 from compare.engines.exudyn import Bodies, coordinates, multipliers_for, one_line, platform_rates
 from compare.engines.exudyn import Exudyn as InverseDynamics
 from sixsps.arrays import Array
+from sixsps.bodies import Leg, Link
 from sixsps.dynamics import State
 from sixsps.errors import EngineError
-from sixsps.mechanism import Leg, Link, Mechanism
+from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
 
 STEP = 2.5e-4

@@ -105,6 +105,7 @@ def simulate(
         EngineUnavailable: the engine's library is missing or broken.
         EngineError: nothing could be simulated at all.
     """
+    mechanism.check_inertia()
     engine: Any = load_entry(request.engine, FORWARD[request.engine])(mechanism)
     outcome = _run(engine, mechanism, motion, request, progress)
     inaccurate = [outcome.inaccurate] if outcome.inaccurate else []

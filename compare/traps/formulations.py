@@ -6,8 +6,9 @@ from dataclasses import replace
 
 from compare.engine import EngineForces, Progress
 from compare.engines.formulation import FormulationEngine
+from sixsps.bodies import Leg, Link
 from sixsps.formulations.wu2012_printed import with_euler_rates
-from sixsps.mechanism import Leg, Link, Mechanism
+from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
 
 # As near to none as a mechanism admits: no digit of any force is left of it.

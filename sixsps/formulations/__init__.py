@@ -53,7 +53,9 @@ def inverse_dynamics(
 
     Raises:
         UnknownNameError: there is no such formulation.
+        MechanismError: a mechanism of geometry alone.
     """
+    mechanism.check_inertia()
     if formulation not in FORMULATIONS:
         raise UnknownNameError("formulation", formulation, ", ".join(FORMULATIONS))
     of_block = import_module(FORMULATIONS[formulation]).inverse_dynamics

@@ -89,7 +89,7 @@ class CompiledMechanism:
         self._parameters = parameter_vector(mechanism)
         self._constants: dict[Signature, Array] = {}
         self._fixed = self._constants_of(kernel(FORCES))
-        self._single = kernel(FORCES).single
+        self._single = kernel(FORCES).single if mechanism.has_inertia else self._refuse
         for signature in (EQUATIONS, LEG_MOTION):  # what judges the first doubtful pose, in a control loop
             self._constants_of(kernel(signature))
 
@@ -189,10 +189,17 @@ class CompiledMechanism:
             raise _misfit(arrays, forces)
         return self._judged(arrays, forces)
 
+    def _refuse(self, *_arrays: Any) -> int:
+        """Stands for the kernel of forces where the mechanism is geometry alone."""
+        self.mechanism.check_inertia()
+        raise AssertionError("a mechanism with inertia was refused")
+
     def _run(
         self, signature: Signature, motion: Motion, outputs: dict[str, Array] | None = None
     ) -> dict[str, Array]:
         """Evaluates a kernel along a motion, a long one on all threads; NaN at singular samples."""
+        if signature is not LEG_MOTION:
+            self.mechanism.check_inertia()
         one, n = kernel(signature), len(motion)
         arrays = {name: np.ascontiguousarray(getattr(motion, name)) for name in signature.arrays}
         found = outputs or {name: np.empty((n, *shape)) for name, shape in signature.outputs.items()}
@@ -259,7 +266,7 @@ def compile(mechanism: Mechanism, threads: int | None = None) -> CompiledMechani
     inputs of the code: another mechanism compiles nothing.
 
     Args:
-        mechanism: geometry and inertia.
+        mechanism: geometry and inertia; geometry alone has leg motion only.
         threads: that a long motion is shared among; the number of processors by default.
 
     Raises:

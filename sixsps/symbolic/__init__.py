@@ -177,6 +177,9 @@ def evaluate(function: ca.Function, mechanism: Mechanism, motion: Motion) -> dic
 
     Returns:
         Output name -> (n, rows, columns), or (n, rows) where the output is a column vector.
+
+    Raises:
+        MechanismError: the output needs inertia, and the mechanism is geometry alone.
     """
     columns = motion_columns(motion)
     columns["parameters"] = parameter_vector(mechanism)[:, None]
@@ -189,6 +192,8 @@ def evaluate(function: ca.Function, mechanism: Mechanism, motion: Motion) -> dic
         rows, width = function.size_out(index)
         blocks = np.asarray(result.full()).reshape(rows, len(motion), width).swapaxes(0, 1)
         stacked[function.name_out(index)] = blocks[..., 0] if width == 1 else blocks
+    if any(np.isnan(values).any() for values in stacked.values()):
+        mechanism.check_inertia()
     return stacked
 
 

@@ -1,0 +1,46 @@
+"""The pose from which a mechanism works: above its base, the legs at mid-stroke."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sixsps.arrays import Array
+from sixsps.errors import MechanismError
+from sixsps.mechanism import Mechanism
+
+
+def home_position(mechanism: Mechanism) -> Array:
+    """Returns the position above the base at which the legs are on average at mid-stroke.
+
+    The platform keeps its orientation, its anchors' centroid straight above the base anchors'
+    centroid, "above" being the normal of the base that points against gravity, or along z where gravity
+    is not given or has no part along it. Where the legs are too short for that at any height, half their
+    middle length serves as the height.
+
+    Returns:
+        (3,) platform origin, world frame [m].
+
+    Raises:
+        MechanismError: a mechanism of geometry alone that has no length limits.
+    """
+    from scipy.optimize import brentq
+
+    A, b = mechanism.base_anchors, mechanism.platform_anchors
+    middle = float(mechanism.length_limits.mean())
+    if not np.isfinite(middle):
+        allowed = "shortest and longest length [m]; the home pose is at mid-stroke"
+        raise MechanismError("legs.length_limits", "missing", allowed)
+    normal = np.linalg.svd(A - A.mean(axis=0))[2][2]
+    upwards = np.array([0.0, 0.0, 1.0])
+    if mechanism.has_inertia and mechanism.gravity @ normal:
+        upwards = -mechanism.gravity
+    normal = normal if normal @ upwards >= 0 else -normal
+    foot = A.mean(axis=0) - b.mean(axis=0)
+
+    def excess(height: float) -> float:
+        legs = foot + height * normal + b - A
+        return float(np.linalg.norm(legs, axis=1).mean()) - middle
+
+    highest = 2 * middle + float(np.abs(b - A + foot).sum())
+    height = brentq(excess, 0.0, highest) if excess(0.0) < 0 else middle / 2
+    return np.asarray(foot + height * normal)
