@@ -6,6 +6,7 @@ from cases import BUNDLED, legs_within_limits
 from scipy.spatial.transform import Rotation
 
 from sixsps.errors import UnknownNameError
+from sixsps.home import home_position
 from sixsps.kinematics import inverse_kinematics
 from sixsps.mechanism import Mechanism
 from sixsps.mechanism_file import bundled_mechanisms
@@ -15,7 +16,6 @@ from sixsps.trajectories import (
     bundled_motions,
     circle,
     fitted,
-    home_position,
     line,
     quintic,
     sinusoids,
