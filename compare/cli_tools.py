@@ -21,8 +21,15 @@ export = typer.Typer(
 )
 
 DescriptionPath = Annotated[
-    Path, typer.Option("--output", metavar="PATH", help="Folder, or file name of the URDF or MJCF.")
+    Path, typer.Option("--output", metavar="PATH", help="Folder, or file name of the URDF, MJCF or SDF.")
 ]
+
+
+class SdfLoops(StrEnum):
+    """What closes the loops in SDF; as `urdf.sdf.Loops`, which is imported only when it is needed."""
+
+    joints = "joints"
+    drake = "drake"
 
 
 class ForceFormat(StrEnum):
@@ -48,6 +55,24 @@ def mjcf(mechanism: MechanismName, output: DescriptionPath, legs: LegType = Legs
     from urdf.export import export_mjcf
 
     _describe(export_mjcf, mechanism, output, legs)
+
+
+@export.command()
+def sdf(
+    mechanism: MechanismName,
+    output: DescriptionPath,
+    legs: LegType = Legs.sps,
+    loops: Annotated[
+        SdfLoops, typer.Option(help="Close them by ball joints, or by constraints that only Drake reads.")
+    ] = SdfLoops.joints,
+) -> None:
+    """Write SDF. Example: sixsps export sdf wu2012 --output wu2012.sdf."""
+    from functools import partial
+
+    from urdf.export import export_sdf
+    from urdf.sdf import Loops
+
+    _describe(partial(export_sdf, loops=Loops(loops)), mechanism, output, legs)
 
 
 def _describe(

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from contextlib import ExitStack
 from pathlib import Path
+
+import numpy as np
 
 from sixsps.errors import OutputError
 from sixsps.files import exists, output_folder, write_atomically
@@ -12,9 +13,9 @@ from sixsps.legs import Legs
 from sixsps.mechanism import Mechanism
 from urdf.closures import render_closures
 from urdf.mjcf import render_mjcf
+from urdf.names import file_stem
 from urdf.render import render_urdf
-
-_LONGEST_STEM = 60
+from urdf.sdf import Loops, render_sdf
 
 
 def export_urdf(mechanism: Mechanism, output: Path, legs: Legs = Legs.sps) -> list[Path]:
@@ -30,26 +31,38 @@ def export_urdf(mechanism: Mechanism, output: Path, legs: Legs = Legs.sps) -> li
         Paths of the URDF, the closure YAML and the MJCF.
 
     Raises:
+        MechanismError: the mechanism is geometry alone.
         OutputError: `output` cannot be written, or a mechanism file has the name of the closure YAML.
     """
+    _check_inertia(mechanism)
+    description, mjcf = render_urdf(mechanism, legs), render_mjcf(mechanism, legs)
     urdf = _target(mechanism, output, ".urdf")
     contents = {
-        urdf: render_urdf(mechanism, legs),
+        urdf: description,
         urdf.with_suffix(".yaml"): render_closures(),
-        urdf.with_suffix(".xml"): render_mjcf(mechanism, legs),
+        urdf.with_suffix(".xml"): mjcf,
     }
     return _write(contents)
 
 
 def export_mjcf(mechanism: Mechanism, output: Path, legs: Legs = Legs.sps) -> list[Path]:
     """Writes MJCF to a folder or, where `output` ends in .xml, to that file; see `export_urdf`."""
-    return _write({_target(mechanism, output, ".xml"): render_mjcf(mechanism, legs)})
+    _check_inertia(mechanism)
+    text = render_mjcf(mechanism, legs)
+    return _write({_target(mechanism, output, ".xml"): text})
 
 
-def file_stem(name: str) -> str:
-    """Returns a file name for a mechanism: no separators, no leading dot, nothing a shell expands."""
-    stem = re.sub(r"[^A-Za-z0-9._-]+", "_", name).strip("._")[:_LONGEST_STEM]
-    return stem or "hexapod"
+def export_sdf(
+    mechanism: Mechanism, output: Path, legs: Legs = Legs.sps, loops: Loops = Loops.joints
+) -> list[Path]:
+    """Writes SDF to a folder or, where `output` ends in .sdf, to that file; see `export_urdf`."""
+    text = render_sdf(mechanism, legs, loops)
+    return _write({_target(mechanism, output, ".sdf"): text})
+
+
+def _check_inertia(mechanism: Mechanism) -> None:
+    """Raises MechanismError of geometry alone, before its home pose is sought, which takes strokes only."""
+    np.asarray(mechanism.gravity)
 
 
 def _target(mechanism: Mechanism, output: Path, suffix: str) -> Path:

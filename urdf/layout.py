@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +11,7 @@ from sixsps.arrays import Array
 from sixsps.errors import printable
 from sixsps.home import home_position
 from sixsps.mechanism import Mechanism
+from urdf.names import comment
 
 # Radii of what is drawn, relative to the length of the link; on wu2012 they are the true ones.
 LOWER_RADIUS = 2 / 45
@@ -87,7 +87,7 @@ def provenance(mechanism: Mechanism) -> str:
     lines = [f"Given by: {mechanism.source}"] if mechanism.source else []
     lines += [f"Assumed, not given: {key}: {why}" for key, why in mechanism.assumed.items()]
     text = "".join(f"\n  {printable(line)}" for line in lines)
-    return re.sub("-(?=-)", "- ", f" Written by sixsps.{text} ")  # two dashes would end the comment
+    return comment(f" Written by sixsps.{text} ")
 
 
 def _pitch_and_yaw(direction: Array) -> tuple[float, float]:
