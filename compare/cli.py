@@ -23,6 +23,9 @@ from compare.cli_arguments import (
     MechanismName,
     MotionName,
     OutputFile,
+    PayloadMotion,
+    PayloadMount,
+    PayloadName,
     Samples,
     complete_engine,
     complete_motion,
@@ -77,12 +80,16 @@ def compare(
     samples: Samples = None,
     cutoff: Cutoff = None,
     fit: Fit = False,
+    payload: PayloadName = None,
+    payload_motion: PayloadMotion = None,
+    payload_mount: PayloadMount = None,
 ) -> None:
     """Compare engines along a motion. Example: sixsps compare wu2012 line --output report."""
     from compare.comparison import compare as run_comparison
     from compare.figures import preload
     from compare.inputs import check_range, load_motion
     from compare.outputs import write_outputs
+    from compare.payload.cargo import open_cargo
     from compare.progress import reading, watching
     from compare.registry import TRAPS, check_names, with_legs
     from compare.runner import LONGEST_LIMIT_S
@@ -91,7 +98,8 @@ def compare(
     from sixsps.files import output_folder
     from sixsps.mechanism import Mechanism
 
-    check_names(engine or [], traps=True)
+    cargo = open_cargo(payload, payload_motion, payload_mount)
+    check_names(engine or [], traps=True, robot=cargo is not None and cargo.is_robot)
     check_range("--tolerance", tolerance, 0.0, 1.0)
     check_range("--time-limit", time_limit, 0.001, LONGEST_LIMIT_S)
     if traps and legs is Legs.ups:
@@ -99,14 +107,15 @@ def compare(
     hexapod = Mechanism.load(mechanism)
     with reading():
         sampled = load_motion(motion, hexapod, samples=samples, cutoff=cutoff, fit=fit)
+        aboard = None if cargo is None else cargo.aboard(hexapod, sampled)
     folder = output_folder(output)
-    names = list(dict.fromkeys(engine or with_legs(legs)))
+    names = list(dict.fromkeys(engine or with_legs(legs, robot=cargo is not None and cargo.is_robot)))
     caught = [name for name in TRAPS if traps and name not in names]
     preload()
     with watching(len(sampled)) as watch:
         comparison = run_comparison(
             hexapod, sampled, names, traps=caught, requested=engine or (), legs=legs,
-            tolerance=tolerance, time_limit=time_limit, watch=watch,
+            tolerance=tolerance, time_limit=time_limit, watch=watch, aboard=aboard,
         )  # fmt: skip
     comparison.results["command"] = printable(shlex.join(["sixsps", *sys.argv[1:]]))
     report = write_outputs(comparison, hexapod, folder)
@@ -138,9 +147,13 @@ def forces(
     samples: Samples = None,
     cutoff: Cutoff = None,
     fit: Fit = False,
+    payload: PayloadName = None,
+    payload_motion: PayloadMotion = None,
+    payload_mount: PayloadMount = None,
 ) -> None:
     """Write leg forces t,f1..f6 [N]. Example: sixsps forces wu2012 line --output forces.csv."""
-    from compare.inputs import check_not_input, open_motions
+    from compare.inputs import check_not_input
+    from compare.payload.cargo import open_cargo, open_motions_aboard
     from compare.progress import reading, watching
     from compare.registry import check_names
     from compare.single import chosen_engine, forces_calculation
@@ -151,10 +164,14 @@ def forces(
     name = chosen_engine(engine, reactions)
     check_names([name])
     check_table_suffix(output)
-    check_not_input(output, mechanism, motion)
+    inputs = (mechanism, motion, payload, payload_motion)
+    check_not_input(output, *(str(name) for name in inputs if name is not None))
+    cargo = open_cargo(payload, payload_motion, payload_mount)
     hexapod = Mechanism.load(mechanism)
     with reading():
-        motions = open_motions(motion, hexapod, samples=samples, cutoff=cutoff, fit=fit)
+        hexapod, motions = open_motions_aboard(
+            cargo, motion, hexapod, samples=samples, cutoff=cutoff, fit=fit
+        )
     with watching(motions.samples) as watch:
         singular = stream(motions, forces_calculation(name, hexapod, reactions), output, watch)
     _warn(singular.lines())

@@ -65,6 +65,31 @@ Fit = Annotated[
     bool, typer.Option("--fit", help="Shift and scale a file's motion to the mechanism's home and strokes.")
 ]
 LegType = Annotated[Legs, typer.Option(help="Joints at the base of the legs: ball (sps) or universal (ups).")]
+PayloadName = Annotated[
+    str | None,
+    typer.Option(
+        "--payload",
+        metavar="NAME",
+        help="What rides on the platform: mass, com and inertia in a YAML file, or a robot by name "
+        "(panda, ur5, talos, ...) or URDF file.",
+    ),
+]
+PayloadMotion = Annotated[
+    Path | None,
+    typer.Option(
+        "--payload-motion",
+        metavar="FILE",
+        help="Motion of the robot's joints (CSV, Parquet): t,q1,q2,... or joint names; it stands without.",
+    ),
+]
+PayloadMount = Annotated[
+    str | None,
+    typer.Option(
+        "--payload-mount",
+        metavar="POSE",
+        help="Robot's base on the platform: x,y,z[,roll,pitch,yaw] [m, rad]; the platform frame by default.",
+    ),
+]
 OutputFile = Annotated[
     Path, typer.Option("--output", metavar="FILE", help="File to write: .csv or .parquet.")
 ]

@@ -11,6 +11,7 @@ import numpy as np
 
 from compare import facts, metrics
 from compare.judgement import judged, judged_with_spin, trapped
+from compare.payload.aboard import Aboard
 from compare.reference import SPREAD, Reference, find_reference
 from compare.registry import TRAPS
 from compare.runner import Outcome, Watcher, run
@@ -67,6 +68,7 @@ def compare(
     time_limit: float | None = None,
     spread: int = SPREAD,
     watch: Watcher = lambda *_: None,
+    aboard: Aboard | None = None,
 ) -> Comparison:
     """Runs engines along a motion and measures them against the reference.
 
@@ -81,6 +83,7 @@ def compare(
         time_limit: for one engine's computation [s]; by default it grows with the samples.
         spread: number of evenly spread samples to certify.
         watch: told how the engines get on.
+        aboard: what mechanism and motion carry, `Cargo.aboard` of the same two.
 
     Returns:
         The comparison; an engine that fails is an entry of it, never an exception.
@@ -89,10 +92,16 @@ def compare(
         MechanismError: a mechanism of geometry alone.
     """
     mechanism.check_inertia()
+    bare = Aboard(mechanism, motion)
+    carrying = aboard or bare
+    mechanism, motion = carrying.mechanism, carrying.motion
     kinematics = inverse_kinematics(mechanism, motion)
     regular = kinematics.condition <= SINGULAR_CONDITION
     names = [*engines, *traps]
-    outcomes = run(names, mechanism, motion, regular, legs=legs, time_limit=time_limit, watch=watch)
+    outcomes = run(
+        names, mechanism, motion, regular,
+        legs=legs, time_limit=time_limit, watch=watch, ride=carrying.ride,
+    )  # fmt: skip
     growth = np.where(regular, kinematics.error_growth, 1.0)
     compared, caught = outcomes[: len(engines)], outcomes[len(engines) :]
     reference = find_reference(mechanism, motion, compared, growth, regular, spread)
@@ -118,8 +127,9 @@ def compare(
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": facts.versions(),
         "machine": facts.machine(),
-        "mechanism": facts.mechanism_facts(mechanism),
-        "motion": facts.motion_facts(motion),
+        "mechanism": facts.mechanism_facts(bare.mechanism),
+        "motion": facts.motion_facts(bare.motion),
+        "payload": carrying.facts,
         "leg_type": legs.value,
         "reference": reference.facts(),
         "engines": {outcome.engine: entry(outcome) for outcome in compared},

@@ -58,6 +58,12 @@ ENGINES: dict[str, Entry] = {
 }
 
 
+# Engines of the whole tree of hexapod and robot, which are given both as a `Ride` in place of a motion.
+PAYLOAD_ENGINES: dict[str, Entry] = {
+    "pinocchio-payload": Entry("compare.payload.whole_tree", "PinocchioPayload", "pinocchio", "pin"),
+}
+
+
 @dataclass(frozen=True)
 class Trap(Entry):
     """A call that people reach for and that is wrong; `why` says so in one sentence."""
@@ -102,36 +108,41 @@ TRAPS: dict[str, Trap] = {
 }  # fmt: skip
 
 
-def with_legs(legs: Legs) -> list[str]:
-    """Returns the names of the engines that have such legs."""
-    return [name for name, place in ENGINES.items() if legs is Legs.sps or place.ups]
+def with_legs(legs: Legs, *, robot: bool = False) -> list[str]:
+    """Returns the names of the engines that have such legs, with `robot` of those too that take a robot."""
+    engines = ENGINES | PAYLOAD_ENGINES if robot else ENGINES
+    return [name for name, place in engines.items() if legs is Legs.sps or place.ups]
 
 
-def check_names(names: list[str], *, traps: bool = False) -> None:
+def check_names(names: list[str], *, traps: bool = False, robot: bool = False) -> None:
     """Raises UnknownNameError, which lists the engines that exist, for a name that is none.
 
     Args:
         names: to check.
         traps: whether the name of a trap will do.
+        robot: whether the name of an engine for a robot on the platform will do.
     """
+    known = [*ENGINES, *(PAYLOAD_ENGINES if robot else ()), *(TRAPS if traps else ())]
     for name in names:
-        if name not in ENGINES and not (traps and name in TRAPS):
-            raise UnknownNameError("engine", name, ", ".join([*ENGINES, *(TRAPS if traps else ())]))
+        if name in PAYLOAD_ENGINES and not robot:
+            raise UnknownNameError("engine", name, "only in a comparison with a robot as --payload")
+        if name not in known:
+            raise UnknownNameError("engine", name, ", ".join(known))
 
 
 def entry(name: str, legs: Legs = Legs.sps) -> Entry:
     """Returns where an engine or a trap is.
 
     Args:
-        name: one of `ENGINES` or `TRAPS`.
+        name: one of `ENGINES`, `TRAPS` or `PAYLOAD_ENGINES`.
         legs: joints of its legs.
 
     Raises:
         UnknownNameError: there is no such engine.
         EngineUnavailable: its legs are SPS only.
     """
-    check_names([name], traps=True)
-    found = ENGINES.get(name) or TRAPS[name]
+    check_names([name], traps=True, robot=True)
+    found = {**ENGINES, **TRAPS, **PAYLOAD_ENGINES}[name]
     if legs is Legs.ups and not found.ups:
         raise EngineUnavailable(name, "its legs stand on ball joints only")
     attribute = found.ups if legs is Legs.ups else found.attribute
@@ -142,7 +153,7 @@ def load(name: str, legs: Legs = Legs.sps) -> type[Engine]:
     """Returns the class of an engine.
 
     Args:
-        name: one of `ENGINES` or `TRAPS`.
+        name: one of `ENGINES`, `TRAPS` or `PAYLOAD_ENGINES`.
         legs: joints of its legs.
 
     Raises:

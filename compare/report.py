@@ -6,10 +6,11 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
-from compare.summary import answer, figures, number, reasons, summary, verdict
+from compare.summary import answer, counted, figures, number, reasons, summary, verdict
 from sixsps.errors import printable
 
 _NO_FIGURE = 'Without a picture: matplotlib is not installed (`pip install "sixsps[figures]"`).'
+_UPRIGHT = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 _LIMITATIONS = (
     "Legs are rigid, symmetric about their axes and do not spin; joints have no friction and no play.",
     "Length limits never change the forces of a given motion, samples outside are flagged; bundled motions "
@@ -26,6 +27,25 @@ _UPS = (
     "engine is also held to what is left of them when the spin's forces, known in closed form, are taken off."
 )
 
+_RIGID = (
+    "The payload and the platform are one rigid body: their masses, centres of mass and inertias are "
+    "combined before any engine is given the mechanism, and the external wrench of the motion is restated "
+    "at the common centre of mass."
+)
+_ROBOT = (
+    "The robot's wrench on the platform is computed once, by Pinocchio's RNEA of the robot alone on a base "
+    "that moves with the platform, and added to the external wrench of the motion. This is what all engines "
+    "of the mechanism are given, and what the certified forces are certified for. "
+)
+_WRENCH_CHECKED = (
+    "Only `pinocchio-payload` is given no such wrench: to it hexapod and robot are one tree. Its agreement "
+    "is the check of the wrench."
+)
+_WRENCH_UNCHECKED = (
+    "Nothing here checks the wrench itself: that would be `pinocchio-payload`, to which hexapod and robot "
+    "are one tree."
+)
+
 
 def markdown(results: dict[str, Any], figure: str | None = None) -> str:
     """Returns the report as Markdown.
@@ -34,13 +54,15 @@ def markdown(results: dict[str, Any], figure: str | None = None) -> str:
         results: content of `results.json`.
         figure: file name of a picture beside the report.
     """
-    mechanism, motion = results["mechanism"], results["motion"]
+    mechanism, motion, payload = results["mechanism"], results["motion"], results["payload"]
+    carrying = f" with {_escaped(payload['name'])} aboard" if payload else ""
     sections = [
-        f"# Leg forces of {_escaped(mechanism['name'])} along {_escaped(motion['name'])}",
+        f"# Leg forces of {_escaped(mechanism['name'])} along {_escaped(motion['name'])}{carrying}",
         f"**{_escaped(answer(results))}**",
         f"![Hexapod, leg forces and differences between engines]({figure})" if figure else _NO_FIGURE,
         _engines(results),
         _failures(results),
+        _payload(payload, results["engines"]),
         _universal_joints(results),
         _traps(results),
         "## How each engine works",
@@ -134,6 +156,15 @@ def _universal_joints(results: dict[str, Any]) -> str:
     return f"## Universal joints\n\n{_UPS} {cost}"
 
 
+def _payload(payload: dict[str, Any] | None, engines: dict[str, Any]) -> str:
+    if payload is None:
+        return ""
+    if payload["kind"] == "rigid body":
+        return f"## Payload\n\n{_RIGID}"
+    checked = engines.get("pinocchio-payload", {}).get("max_rel_error") is not None
+    return f"## Payload\n\n{_ROBOT}{_WRENCH_CHECKED if checked else _WRENCH_UNCHECKED}"
+
+
 def _small(value: float | None) -> str:
     return "" if value is None else f"{value:.1e}"
 
@@ -186,10 +217,31 @@ def _inputs(results: dict[str, Any]) -> str:
         f"- Motion `{_code(motion['name'])}`, {motion['samples']} samples from {motion['start_s']:g} to "
         f"{motion['end_s']:g} s, SHA-256 of its numbers `{motion['sha256']}`."
     )
+    lines += _payload_inputs(results["payload"])
     lines += [f"- Changed: {_escaped(change)}." for change in motion["changes"]]
     for quantity, how in motion["estimated"].items():
         lines.append(f"- Estimated from the poses, not given: {quantity}: {_escaped(how)}.")
     return "\n".join(lines)
+
+
+def _payload_inputs(payload: dict[str, Any] | None) -> list[str]:
+    if payload is None:
+        return []
+    line = f"- Payload `{_code(payload['name'])}`, {payload['mass_kg']:.6g} kg, "
+    if payload["kind"] == "rigid body":
+        return [f"{line}a rigid body, SHA-256 of its numbers `{payload['sha256']}`."]
+    motion = payload["motion"]
+    x, y, z = payload["mount"]["position_m"]
+    turned = ", turned" if payload["mount"]["rotation"] != _UPRIGHT else ""
+    joints = counted(payload["joints"], "joint")
+    lines = [
+        f"{line}a robot of {joints} with its base at {x:g}, {y:g}, {z:g} m in the platform frame"
+        f"{turned}; SHA-256 of its URDF file `{payload['sha256']}`.",
+        f"- Motion of its joints: {_escaped(motion['name'])}, SHA-256 of its samples `{motion['sha256']}`.",
+    ]
+    if motion["estimated"]:
+        lines.append(f"- Estimated from its joint positions: {_escaped(motion['estimated'])}.")
+    return lines
 
 
 def _reproduce(results: dict[str, Any]) -> str:

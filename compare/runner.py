@@ -10,22 +10,25 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compare.registry import Entry, check_installed, entry
+from compare.registry import PAYLOAD_ENGINES, Entry, check_installed, check_names, entry
 from compare.worker import ENGINE, FORCES, JOB, PROGRESS, STATUS
 from sixsps.arrays import Array
 from sixsps.errors import EngineUnavailable
 from sixsps.legs import Legs
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
+
+if TYPE_CHECKING:
+    from compare.payload.ride import Ride
 
 START_LIMIT_S = 60.0
 LONGEST_LIMIT_S = 1e6
@@ -74,6 +77,7 @@ def run(
     legs: Legs = Legs.sps,
     time_limit: float | None = None,
     watch: Watcher = lambda *_: None,
+    ride: Ride | None = None,
 ) -> list[Outcome]:
     """Computes the forces of every engine.
 
@@ -85,18 +89,25 @@ def run(
         legs: joints of the engines' legs.
         time_limit: for one engine's computation [s]; by default 2 min and 10 ms a sample.
         watch: told of every change.
+        ride: n samples, for the engines that take a robot as it is; the motion has its wrench.
 
     Returns:
         One outcome an engine, in the order of `engines`; nothing that happens in an engine's
         process raises here.
+
+    Raises:
+        UnknownNameError: an engine that takes a robot, and no robot.
     """
+    check_names([name for name in engines if name in PAYLOAD_ENGINES], robot=ride is not None)
     if not regular.any():
         return [_nothing_to_do(outcome, len(motion)) for outcome in probe(engines, legs)]
     given = motion[regular]
     given.rotation  # noqa: B018  computed once, here, and handed on with the motion
-    job = pickle.dumps((mechanism, given))
+    jobs = dict.fromkeys(engines, pickle.dumps((mechanism, given)))
+    if ride is not None:
+        jobs |= dict.fromkeys(PAYLOAD_ENGINES, pickle.dumps((ride.carrier, ride[regular])))
     limit = _BASE_LIMIT_S + _LIMIT_PER_SAMPLE_S * len(motion) if time_limit is None else time_limit
-    outcomes = _run_all(engines, legs, job, limit, watch)
+    outcomes = _run_all(engines, legs, jobs, limit, watch)
     for outcome in outcomes:
         _spread(outcome, regular)
         _refuse_nonsense(outcome, motion, regular)
@@ -105,7 +116,7 @@ def run(
 
 def probe(engines: Sequence[str], legs: Legs = Legs.sps) -> list[Outcome]:
     """Returns, without computing anything, whether each engine is there and which version it is."""
-    return _run_all(engines, legs, None, START_LIMIT_S, lambda *_: None)
+    return _run_all(engines, legs, {}, START_LIMIT_S, lambda *_: None)
 
 
 def _nothing_to_do(outcome: Outcome, samples: int) -> Outcome:
@@ -165,7 +176,7 @@ class _Process:
 
 
 def _run_all(
-    engines: Sequence[str], legs: Legs, job: bytes | None, time_limit: float, watch: Watcher
+    engines: Sequence[str], legs: Legs, jobs: Mapping[str, bytes], time_limit: float, watch: Watcher
 ) -> list[Outcome]:
     outcomes: dict[str, Outcome] = {}
     with ExitStack() as stack:
@@ -178,7 +189,7 @@ def _run_all(
                 outcomes[engine] = Outcome(engine, "unavailable", error.detail)
                 continue
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sixsps-")))
-            process = _Process(engine, place, folder, job)
+            process = _Process(engine, place, folder, jobs.get(engine))
             stack.callback(process.stop)
             processes.append(process)
             watch(engine, "starting", 0)

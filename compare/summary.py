@@ -126,6 +126,7 @@ def summary(results: dict[str, Any]) -> list[str]:
         f"{number(results['power_balance_residual'])} of the power exchanged"
     )
     lines = [
+        *_payload_lines(results["payload"]),
         _reference_line(results["reference"]),
         f"leg lengths {number(min(shortest, default=None))} to {number(max(longest, default=None))} m, "
         f"forces {number(min(lowest, default=None))} to {number(max(highest, default=None))} N, "
@@ -139,6 +140,20 @@ def summary(results: dict[str, Any]) -> list[str]:
         lines.append(f"assumed, not given by the source: {assumed}")
     lines += [_violation_line(violation) for violation in results["limit_violations"]]
     return lines + singular_lines(results["singular_samples"])
+
+
+def _payload_lines(payload: dict[str, Any] | None) -> list[str]:
+    if payload is None:
+        return []
+    what = f"payload: {printable(payload['name'])}, {payload['mass_kg']:.4g} kg"
+    if payload["kind"] == "rigid body":
+        return [f"{what}, a rigid body that is part of the platform"]
+    force, moment = number(payload["largest_force_N"]), number(payload["largest_moment_Nm"])
+    moving = f"{counted(payload['joints'], 'joint')}: {printable(payload['motion']['name'])}"
+    return [
+        f"{what}, {moving}; its wrench on the platform, up to {force} N and {moment} N m, "
+        "is part of the external wrench"
+    ]
 
 
 def _reference_line(reference: dict[str, Any]) -> str:
@@ -174,6 +189,11 @@ def _extremes(legs: list[dict[str, Any]], key: str) -> list[float]:
 def number(value: float | None, digits: int = 4) -> str:
     """Returns a number with so many digits, or "none"."""
     return "none" if value is None else f"{value:.{digits}g}"
+
+
+def counted(count: int, thing: str) -> str:
+    """Returns a number of things in words, as "1 joint" or "2 joints"."""
+    return f"{count} {thing}{'' if count == 1 else 's'}"
 
 
 def singular_lines(samples: list[dict[str, Any]]) -> list[str]:

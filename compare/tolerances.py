@@ -67,6 +67,7 @@ TOLERANCES: dict[str, Tolerance] = {
     "exudyn": _rounding(1.6, "one refined least-squares solve for 85 multipliers"),
     "opensim": _rounding(1.0, _TREE + ", refined once"),
     "sympy": _rounding(3.1, _SOLVE),
+    "pinocchio-payload": _rounding(1.4, _TREE + ", the rounding of the robot's own wrench among it"),
 }
 DEFAULT = Tolerance(_ROOM, "no row of its own")
 

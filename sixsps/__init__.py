@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from sixsps.bodies import Leg as Leg
     from sixsps.bodies import Link as Link
     from sixsps.bodies import Platform as Platform
+    from sixsps.calibration import LengthDerivatives as LengthDerivatives
+    from sixsps.calibration import length_derivatives as length_derivatives
     from sixsps.dynamics import State as State
     from sixsps.dynamics import bias as bias
     from sixsps.dynamics import forward_dynamics as forward_dynamics
@@ -43,6 +45,9 @@ if TYPE_CHECKING:
     from sixsps.mechanism import Mechanism as Mechanism
     from sixsps.mechanism_file import bundled_mechanisms as bundled_mechanisms
     from sixsps.motion import Motion as Motion
+    from sixsps.payload import Payload as Payload
+    from sixsps.payload import attached as attached
+    from sixsps.payload import shifted_wrench as shifted_wrench
     from sixsps.pose import Pose as Pose
     from sixsps.regressor import inertial_parameters as inertial_parameters
     from sixsps.regressor import wrench_forces as wrench_forces
@@ -56,6 +61,7 @@ _PLACES = {
     "InputError": "errors",
     "Leg": "bodies",
     "LegKinematics": "kinematics",
+    "LengthDerivatives": "calibration",
     "Limits": "limits",
     "Link": "bodies",
     "Mechanism": "mechanism",
@@ -63,6 +69,7 @@ _PLACES = {
     "Motion": "motion",
     "MotionError": "errors",
     "OutputError": "errors",
+    "Payload": "payload",
     "Platform": "bodies",
     "Pose": "pose",
     "SixspsError": "errors",
@@ -70,6 +77,7 @@ _PLACES = {
     "UnknownNameError": "errors",
     "bias": "dynamics",
     "bundled_mechanisms": "mechanism_file",
+    "attached": "payload",
     "base_parameters": "identification",
     "compile": "kernels.model",
     "forward_dynamics": "dynamics",
@@ -79,8 +87,10 @@ _PLACES = {
     "inverse_kinematics": "kinematics",
     "joint_reactions": "formulations.newton_euler",
     "kinetic_energy": "dynamics",
+    "length_derivatives": "calibration",
     "mass_matrix": "dynamics",
     "potential_energy": "dynamics",
+    "shifted_wrench": "payload",
     "wrench_forces": "regressor",
 }
 _MODULES = ("rotation", "symbolic", "trajectories")

@@ -3,63 +3,50 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError
+from pydantic import BaseModel, Discriminator, Field, Tag, ValidationError
 
 from sixsps.bodies import Leg, Link, Platform
 from sixsps.errors import MechanismError
 from sixsps.files import exists, read_bytes, write_atomically
 from sixsps.limits import Limits
 from sixsps.mechanism import Mechanism
-from sixsps.yaml_reader import Document, read_document, write_document
+from sixsps.yaml_reader import read_document, write_document
+from sixsps.yaml_schema import Inertia, Number, Section, Vector, explained, located
 
 # The largest bundled file has 2 kB; a mechanism has about 200 numbers however it is laid out.
 _LARGEST_FILE = 64 * 1024
 
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Anchors = Annotated[list[Vector], Field(min_length=6, max_length=6)]
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
-
-
-class _Base(_Section):
+class _Base(Section):
     anchors: Anchors
 
 
-class _Inertia(_Section):
-    xx: Number
-    yy: Number
-    zz: Number
-    xy: Number = 0.0
-    xz: Number = 0.0
-    yz: Number = 0.0
-
-
-class _Platform(_Section):
+class _Platform(Section):
     anchors: Anchors
     mass: Number
-    com: Vector = [0.0, 0.0, 0.0]
-    inertia: _Inertia
+    com: Vector = Field(default=[0.0, 0.0, 0.0])
+    inertia: Inertia
 
 
-class _BarePlatform(_Section):
+class _BarePlatform(Section):
     anchors: Anchors
 
 
-class _LinkInertia(_Section):
+class _LinkInertia(Section):
     transverse: Number
     axial: Number
 
 
-class _Link(_Section):
+class _Link(Section):
     mass: Number
     length: Number
     com: Number | None = None
@@ -67,18 +54,23 @@ class _Link(_Section):
     radius: Number | None = None
 
 
-class _Leg(_Section):
+class _Leg(Section):
     lower: _Link
     upper: _Link
     length_limits: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
 
 
-class _BareLeg(_Section):
+class _BareLeg(Section):
     length_limits: Annotated[list[Number], Field(min_length=2, max_length=2)]
 
 
 def _shape_of_legs(value: object) -> str:
     return "each" if isinstance(value, list) else "shared"
+
+
+def _keys(path: Sequence[int | str]) -> Sequence[int | str]:
+    """Takes the shape of the legs, which is no key of the file, out of a path of pydantic's."""
+    return (path[0], *path[2:]) if len(path) > 1 and path[0] == "legs" else path
 
 
 _Six = Annotated[list[_Leg], Field(min_length=6, max_length=6)]
@@ -91,7 +83,7 @@ _BareLegs = Annotated[
 ]
 
 
-class _Limits(_Section):
+class _Limits(Section):
     """Keys alone: what their values may be is for `Limits` to say."""
 
     force: Any = None
@@ -103,10 +95,10 @@ class _Limits(_Section):
     clearance: Any = None
 
 
-class _File(_Section):
+class _File(Section):
     name: str
     source: str = ""
-    assumed: dict[str, str] = {}
+    assumed: dict[str, str] = Field(default_factory=dict)
     gravity: Vector
     base: _Base
     platform: _Platform
@@ -114,12 +106,12 @@ class _File(_Section):
     limits: _Limits = _Limits()
 
 
-class _BareFile(_Section):
+class _BareFile(Section):
     """A file of geometry alone."""
 
     name: str
     source: str = ""
-    assumed: dict[str, str] = {}
+    assumed: dict[str, str] = Field(default_factory=dict)
     gravity: Vector | None = None
     base: _Base
     platform: _BarePlatform
@@ -164,10 +156,9 @@ def parse(content: bytes, source: str) -> Mechanism:
     try:
         return _mechanism(schema.model_validate(document.content))
     except ValidationError as error:
-        raise _explained(error, document, schema) from None
+        raise explained(error, document, partial(_section, schema), _keys) from None
     except MechanismError as error:
-        path = tuple(error.place.replace("[", ".").replace("]", "").replace(", ", ".").split("."))
-        raise MechanismError(error.place, error.value, error.allowed, document.locate(path)) from None
+        raise located(error, document) from None
 
 
 def save(mechanism: Mechanism, path: Path) -> None:
@@ -218,15 +209,7 @@ def _mechanism(file: _File | _BareFile) -> Mechanism:
 
 
 def _platform(platform: _Platform) -> Platform:
-    inertia = platform.inertia
-    matrix = np.array(
-        [
-            [inertia.xx, inertia.xy, inertia.xz],
-            [inertia.xy, inertia.yy, inertia.yz],
-            [inertia.xz, inertia.yz, inertia.zz],
-        ]
-    )
-    return Platform(platform.mass, np.array(platform.com), matrix)
+    return Platform(platform.mass, np.array(platform.com), platform.inertia.matrix)
 
 
 def _legs(legs: _Leg | _BareLeg | Sequence[_Leg | _BareLeg]) -> Iterator[Leg]:
@@ -262,52 +245,20 @@ def _link(link: _Link, place: str) -> Link:
         raise MechanismError(f"{place}.{error.place}", error.value, error.allowed) from None
 
 
-_ALLOWED = {
-    "extra_forbidden": "no such key",
-    "missing": "this key is required",
-    "float_type": "a number",
-    "finite_number": "a finite number",
-    "string_type": "text (in quotes where it looks like a number)",
-    "list_type": "a list",
-    "model_type": "a mapping of keys",
-    "dict_type": "a mapping of keys",
-}
-
-
-def _explained(error: ValidationError, document: Document, schema: type[BaseModel]) -> MechanismError:
-    detail = error.errors(include_url=False)[0]
-    path = list(detail["loc"])
-    if path[:1] == ["legs"] and path[1:2] in (["shared"], ["each"]):
-        del path[1]  # which of the two shapes of legs, no key of the file
-    place = ".".join(str(part) for part in path) or "the file"
-    kind, value = detail["type"], detail["input"]
-    allowed = _ALLOWED.get(kind, detail["msg"])
-    if kind == "missing":
-        value = "missing"
-    elif isinstance(value, str):
-        value = repr(value)  # with the quotes that tell text from a number
-    if kind == "extra_forbidden":
-        allowed = _known_keys(schema, path[:-1])
-    elif kind in ("too_short", "too_long"):
-        context: dict[str, Any] = detail["ctx"]
-        value = f"{context['actual_length']} entries"
-        allowed = f"{context.get('min_length', context.get('max_length'))} entries"
-    return MechanismError(place, value, allowed, document.locate(tuple(map(str, path))))
-
-
-def _known_keys(schema: type[BaseModel], path: list[int | str]) -> str:
+def _section(schema: type[BaseModel], path: Sequence[str]) -> type[BaseModel]:
+    """Returns the schema of the section at a key path."""
     section = schema
     for part in path:
-        if isinstance(part, int):
+        if part.isdecimal():
             continue
         sections: dict[str, type[BaseModel]] = {
             "base": _Base,
-            "platform": _Platform,
-            "legs": _Leg,
+            "platform": _Platform if schema is _File else _BarePlatform,
+            "legs": _Leg if schema is _File else _BareLeg,
             "lower": _Link,
             "upper": _Link,
-            "inertia": _Inertia if section is _Platform else _LinkInertia,
+            "inertia": _LinkInertia if section is _Link else Inertia,
             "limits": _Limits,
         }
         section = sections[part]
-    return "the keys " + ", ".join(section.model_fields)
+    return section

@@ -21,15 +21,21 @@ HOMES = {
     },
     "dartpy": {"compare/engines/dart.py"},
     "exudyn": {"compare/engines/exudyn.py", "compare/forward/exudyn.py"},
-    "flint": {"sixsps/certified.py"},
     "llvmlite": {"sixsps/kernels/emission.py"},
     "mujoco": {"compare/engines/mujoco.py", "compare/forward/mujoco.py", "compare/traps/mujoco.py"},
-    "numba": {"sixsps/kernels/compiled.py", "sixsps/kernels/emission.py"},
+    "numba": {
+        "sixsps/kernels/compiled.py",
+        "sixsps/kernels/emission.py",
+    },
     "opensim": {"compare/engines/opensim.py"},
     "pinocchio": {
         "compare/engines/pinocchio.py",
         "compare/forward/pinocchio.py",
+        "compare/payload/robot.py",
+        "compare/payload/whole_tree.py",
         "compare/traps/pinocchio.py",
+        "urdf/pinocchio_hexapod.py",
+        "urdf/pinocchio_model.py",
     },
     "pydrake": {"compare/engines/drake.py", "compare/traps/drake.py"},
     "sympy": {"compare/engines/sympy.py"},
@@ -115,6 +121,10 @@ def test_machine_code_on_disk_needs_no_casadi(tmp_path):
     assert left
     assert "casadi" not in modules_after(FORCES, **folder)
     assert sorted(path.name for path in tmp_path.rglob("*.nb*")) == left
+
+
+def test_import_urdf_does_without_pinocchio():
+    assert "pinocchio" not in modules_after("import urdf")
 
 
 def test_everything_public_is_there():

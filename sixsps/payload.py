@@ -1,0 +1,113 @@
+"""A rigid payload on the platform: one body with the platform, and where external wrenches then act."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sixsps.arrays import Array, frozen
+from sixsps.bodies import Platform
+from sixsps.errors import MechanismError
+from sixsps.mechanism import Mechanism
+from sixsps.motion import Motion
+
+# As of the platform: what was turned or read from a drawing may miss symmetry and the triangle
+# inequality by this much relative. Negative principal moments below it are zero, of a rod or a point.
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Payload:
+    """A rigid body that is fixed to the platform, in the platform frame O1-X1Y1Z1.
+
+    Attributes:
+        mass: [kg], > 0.
+        com: (3,) centre of mass from O1 [m].
+        inertia: (3, 3) about the payload's own centre of mass, platform axes [kg m^2]; zeros for a
+            point mass.
+        name: what to call it in reports.
+
+    Raises:
+        MechanismError: a value is out of range, or no rigid body has that inertia.
+    """
+
+    mass: float
+    com: Array
+    inertia: Array
+    name: str = "payload"
+
+    def __post_init__(self) -> None:
+        mass = float(frozen(self.mass, (), "mass", MechanismError))
+        if not mass > 0:
+            raise MechanismError("mass", mass, "finite and > 0 [kg]")
+        object.__setattr__(self, "mass", mass)
+        object.__setattr__(self, "com", frozen(self.com, (3,), "com", MechanismError))
+        inertia = frozen(self.inertia, (3, 3), "inertia", MechanismError)
+        if np.abs(inertia - inertia.T).max() > _ROUNDING * np.abs(inertia).max():
+            raise MechanismError("inertia", inertia.tolist(), "a symmetric matrix")
+        inertia = frozen((inertia + inertia.T) / 2, (3, 3), "inertia", MechanismError)
+        object.__setattr__(self, "inertia", inertia)
+        self._check_moments()
+
+    def _check_moments(self) -> None:
+        principal = np.linalg.eigvalsh(self.inertia)
+        found = f"principal moments {principal}"
+        if principal[0] < -_ROUNDING * np.abs(principal).max():
+            raise MechanismError("inertia", found, "no negative principal moment [kg m^2]")
+        if principal[2] > (principal[0] + principal[1]) * (1 + _ROUNDING):
+            raise MechanismError("inertia", found, "no principal moment larger than the sum of the other two")
+
+    @classmethod
+    def load(cls, path: str | Path) -> Payload:
+        """Reads a YAML file with the keys mass, com and inertia of a mechanism file's platform.
+
+        Args:
+            path: of the file; the payload is called after it.
+
+        Raises:
+            MechanismError: naming file and line, key, value and what is allowed.
+        """
+        from sixsps.payload_file import load
+
+        return load(Path(path))
+
+
+def attached(mechanism: Mechanism, payload: Payload) -> Mechanism:
+    """Returns the mechanism whose platform carries the payload, both one rigid body.
+
+    External forces of a motion act at the platform's centre of mass, which the payload moves:
+    `shifted_wrench` restates them.
+
+    Args:
+        mechanism: with inertia.
+        payload: in the platform frame.
+
+    Raises:
+        MechanismError: the mechanism is geometry alone.
+    """
+    mechanism.check_inertia()
+    platform = mechanism.platform
+    mass = platform.mass + payload.mass
+    arm = payload.com - platform.com
+    # Steiner for both about the common centre of mass: m1 |d1|^2 + m2 |d2|^2 = m1 m2 / m |d2 - d1|^2.
+    reduced = platform.mass * (payload.mass / mass)
+    steiner = reduced * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    com = platform.com + payload.mass / mass * arm
+    whole = Platform(mass, com, platform.inertia + payload.inertia + steiner)
+    return replace(mechanism, platform=whole)
+
+
+def shifted_wrench(motion: Motion, before: ArrayLike, after: ArrayLike) -> Motion:
+    """Returns the motion with the same external wrench, its force stated at another point.
+
+    Args:
+        motion: n samples, its moment about the point `before`.
+        before: (3,) point of the platform at which the force acts, platform frame [m].
+        after: (3,) point at which the force of the result acts, platform frame [m].
+    """
+    arm = np.asarray(before, dtype=np.float64) - np.asarray(after, dtype=np.float64)
+    moment = motion.moment + np.cross(motion.rotation @ arm, motion.force)
+    return replace(motion, moment=moment)
