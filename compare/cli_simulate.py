@@ -84,6 +84,7 @@ def simulate(
     hexapod = Mechanism.load(mechanism)
     with reading():
         sampled = load_motion(motion, hexapod, samples=samples, cutoff=cutoff, fit=fit)
+    hexapod.check_inertia()
     folder = output_folder(output)
     with watching(len(sampled)) as watch:
         done = run(hexapod, sampled, request, lambda samples: watch(engine, request.mode_name, samples))

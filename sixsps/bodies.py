@@ -106,8 +106,8 @@ class Leg:
         lower: the cylinder, turning about A; missing in a mechanism of geometry alone.
         upper: the rod, turning about B; missing there too.
         length_limits: shortest and longest distance A to B [m], by default what the lengths of the
-            links allow, without links 0 and infinite; never changes the forces of a given motion, only
-            flags samples outside.
+            links allow, without links 0 and infinity; never changes the forces of a given motion, only flags
+            samples outside.
 
     Raises:
         MechanismError: the limits are not 0 <= shortest < longest, or one link is missing.
@@ -121,16 +121,25 @@ class Leg:
         if isinstance(self.lower, Missing) != isinstance(self.upper, Missing):
             missing = "lower" if isinstance(self.lower, Missing) else "upper"
             raise MechanismError(missing, "missing", "both links, or neither for geometry alone")
-        given = self.length_limits
-        if not self.has_links and (given is None or tuple(given) == _ANY_LENGTH):
-            object.__setattr__(self, "length_limits", _ANY_LENGTH)
-            return
-        if given is None:
-            given = (max(self.lower.length, self.upper.length), self.lower.length + self.upper.length)
-        low, high = (float(limit) for limit in frozen(given, (2,), "length_limits", MechanismError))
+        given = self._default_limits() if self.length_limits is None else self.length_limits
+        low, high = self._checked(given)
         if not 0 <= low < high:
             raise MechanismError("length_limits", [low, high], "0 <= shortest < longest [m]")
         object.__setattr__(self, "length_limits", (low, high))
+
+    def _default_limits(self) -> tuple[float, float]:
+        if not self.has_links:
+            return _ANY_LENGTH
+        return max(self.lower.length, self.upper.length), self.lower.length + self.upper.length
+
+    def _checked(self, given: Any) -> tuple[float, float]:
+        """Returns two numbers, finite ones; without links the second may be infinite."""
+        pair = isinstance(given, tuple | list | np.ndarray) and len(given) == 2
+        if not self.has_links and pair and isinstance(given[1], Real) and given[1] == math.inf:
+            (low,) = frozen([given[0]], (1,), "length_limits", MechanismError)
+            return float(low), math.inf
+        low, high = frozen(given, (2,), "length_limits", MechanismError)
+        return float(low), float(high)
 
     @property
     def has_links(self) -> bool:

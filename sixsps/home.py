@@ -7,15 +7,20 @@ import numpy as np
 from sixsps.arrays import Array
 from sixsps.errors import MechanismError
 from sixsps.mechanism import Mechanism
+from sixsps.missing import Missing
+
+_EPS = float(np.finfo(float).eps)
+# A direction whose cosine is below has no part along a normal that rounding could not have made.
+_ACROSS = 1e-9
 
 
 def home_position(mechanism: Mechanism) -> Array:
     """Returns the position above the base at which the legs are on average at mid-stroke.
 
     The platform keeps its orientation, its anchors' centroid straight above the base anchors'
-    centroid, "above" being the normal of the base that points against gravity, or along z where gravity
-    is not given or has no part along it. Where the legs are too short for that at any height, half their
-    middle length serves as the height.
+    centroid, "above" being the normal of the base that points against gravity; where gravity is not given
+    or along the base, the one along z, or along y or x of a base that stands upright. Where the legs are
+    too short for that at any height, half their middle length serves as the height.
 
     Returns:
         (3,) platform origin, world frame [m].
@@ -31,10 +36,7 @@ def home_position(mechanism: Mechanism) -> Array:
         allowed = "shortest and longest length [m]; the home pose is at mid-stroke"
         raise MechanismError("legs.length_limits", "missing", allowed)
     normal = np.linalg.svd(A - A.mean(axis=0))[2][2]
-    upwards = np.array([0.0, 0.0, 1.0])
-    if mechanism.has_inertia and mechanism.gravity @ normal:
-        upwards = -mechanism.gravity
-    normal = normal if normal @ upwards >= 0 else -normal
+    normal = normal if _upwards(mechanism, normal) @ normal >= 0 else -normal
     foot = A.mean(axis=0) - b.mean(axis=0)
 
     def excess(height: float) -> float:
@@ -42,5 +44,15 @@ def home_position(mechanism: Mechanism) -> Array:
         return float(np.linalg.norm(legs, axis=1).mean()) - middle
 
     highest = 2 * middle + float(np.abs(b - A + foot).sum())
-    height = brentq(excess, 0.0, highest) if excess(0.0) < 0 else middle / 2
+    # To rounding, whatever the unit of length: brentq's own tolerance is 2e-12 m.
+    height = brentq(excess, 0.0, highest, xtol=_EPS * middle) if excess(0.0) < 0 else middle / 2
     return np.asarray(foot + height * normal)
+
+
+def _upwards(mechanism: Mechanism, normal: Array) -> Array:
+    """Returns the direction against gravity; along z, or y, or x, where gravity leaves the side open."""
+    gravity = np.zeros(3) if isinstance(mechanism.gravity, Missing) else mechanism.gravity
+    for direction in (-gravity, *np.eye(3)[::-1]):
+        if abs(direction @ normal) > _ACROSS * np.linalg.norm(direction):
+            return direction
+    raise AssertionError("a normal is across all three axes")

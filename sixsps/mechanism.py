@@ -67,6 +67,8 @@ class Mechanism:
             if not isinstance(getattr(self, attribute), Missing):
                 value = frozen(getattr(self, attribute), shape, place, MechanismError)
                 object.__setattr__(self, attribute, value)
+        if not isinstance(self.limits, Limits):
+            raise MechanismError("limits", self.limits, "sixsps.Limits")
         object.__setattr__(self, "legs", tuple(self.legs))
         object.__setattr__(self, "assumed", MappingProxyType(dict(self.assumed)))
         if len(self.legs) != 6:
@@ -107,8 +109,9 @@ class Mechanism:
         """
         legs: Iterable[Leg] = (Leg(),) * 6
         if length_limits is not None:
-            shape = (2,) if np.ndim(length_limits) == 1 else (6, 2)
-            pairs = frozen(length_limits, shape, "length_limits", MechanismError)
+            pairs = np.asarray(length_limits)
+            if pairs.dtype.kind not in "iuf" or pairs.shape not in ((2,), (6, 2)):
+                raise MechanismError("length_limits", length_limits, "numbers of shape (2) or (6, 2)")
             legs = (Leg(length_limits=tuple(pair)) for pair in np.broadcast_to(pairs, (6, 2)).tolist())
         return cls(
             name=name,

@@ -61,7 +61,8 @@ class _Leg(Section):
 
 
 class _BareLeg(Section):
-    length_limits: Annotated[list[Number], Field(min_length=2, max_length=2)]
+    # The longest may be infinite, for a leg of which the shortest alone is known.
+    length_limits: Annotated[list[float], Field(min_length=2, max_length=2)] | None = None
 
 
 def _shape_of_legs(value: object) -> str:
@@ -180,7 +181,7 @@ def _is_bare(content: object) -> bool:
     """Whether the content has nothing of inertia: what has some of it has forgotten the rest."""
     if not isinstance(content, dict):
         return False
-    platform, legs = content.get("platform"), content.get("legs", {})
+    platform, legs = content.get("platform"), content.get("legs") or {}
     return (
         isinstance(platform, dict)
         and not {"mass", "com", "inertia"} & platform.keys()

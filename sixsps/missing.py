@@ -30,17 +30,16 @@ class Missing:
             raise AttributeError(name)
         self.refuse(name)
 
-    def __array__(self, *_arguments: Any, **_options: Any) -> Any:
+    def _refused(self, *_arguments: Any, **_options: Any) -> Any:
         self.refuse()
 
-    def __neg__(self) -> Any:
-        self.refuse()
+    # What is done with numbers, by Python and by numpy.
+    __array__ = __float__ = __len__ = __iter__ = __getitem__ = __format__ = _refused
+    __neg__ = __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = _refused
+    __truediv__ = __rtruediv__ = __matmul__ = __rmatmul__ = _refused
 
-    def __matmul__(self, _other: Any) -> Any:
-        self.refuse()
-
-    def __getitem__(self, _index: Any) -> Any:
-        self.refuse()
+    def __bool__(self) -> bool:
+        return False
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Missing) and other.place == self.place

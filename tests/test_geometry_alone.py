@@ -77,6 +77,11 @@ DYNAMICS = {
     "gravity turned": lambda: -BARE.gravity,
     "gravity times": lambda: BARE.gravity @ np.ones(3),
     "gravity entry": lambda: BARE.gravity[2],
+    "twice gravity": lambda: 2 * BARE.gravity,
+    "numpy of gravity": lambda: np.ones(3) + BARE.gravity,
+    "gravity halved": lambda: BARE.gravity / 2,
+    "size of gravity": lambda: len(BARE.gravity),
+    "gravity shown": lambda: f"{BARE.gravity:.3f}",
 }
 
 
@@ -111,8 +116,7 @@ def test_commands_that_need_inertia_refuse_in_one_line(words, tmp_path, monkeypa
     assert stop.value.code == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "missing; allowed: a mechanism with gravity" in line
-    left = [path for path in tmp_path.rglob("*") if path.is_file()]
-    assert left == [tmp_path / "bare.yaml"]
+    assert list(tmp_path.iterdir()) == [tmp_path / "bare.yaml"]
 
 
 def test_inverse_kinematics_on_the_command_line(tmp_path, monkeypatch):
@@ -141,10 +145,9 @@ def test_a_file_needs_name_and_anchors_only():
     [
         BARE,
         Mechanism.load("dietmaier1998"),
-        Mechanism.geometry(
-            "each its own", WU.base_anchors, WU.platform_anchors, [[0.1 * k, 1] for k in range(6)]
-        ),
-        Mechanism.geometry("limits", WU.base_anchors, WU.platform_anchors, limits=Limits(clearance=0.1)),
+        Mechanism.geometry("each its own", *ANCHORS, [[0.1 * k, 1] for k in range(6)]),
+        Mechanism.geometry("limits", *ANCHORS, limits=Limits(clearance=0.1)),
+        Mechanism.geometry("some limits", *ANCHORS, [[0, np.inf], [0.3, 1], [0.3, np.inf], *[[0, 2]] * 3]),
         replace(BARE, gravity=np.array([0, 0, -9.81])),
     ],
     ids=lambda mechanism: mechanism.name,
@@ -183,3 +186,47 @@ def test_some_inertia_in_python_means_so_too(name):
         replace(WU, legs=[*WU.legs[:3], sixsps.Leg(), *WU.legs[4:]])
     with pytest.raises(MechanismError, match="upper: missing"):
         sixsps.Leg(WU.legs[0].lower)
+
+
+def test_any_length_is_a_length_limit():
+    again = Mechanism.geometry("again", *ANCHORS, Mechanism.load("dietmaier1998").length_limits)
+    assert_array_equal(again.length_limits, [[0, np.inf]] * 6)
+    for wrong in ([0.3, np.nan], [np.inf, np.inf], [[0.1, 1]] * 5, "long", [0.5, -np.inf], [0.3, "1"]):
+        with pytest.raises(MechanismError, match="length_limits"):
+            Mechanism.geometry("wrong", *ANCHORS, wrong)
+    with pytest.raises(MechanismError, match="length_limits"):
+        replace(WU.legs[0], length_limits=(0.3, np.inf))
+
+
+def test_what_is_missing_is_false_and_says_so():
+    assert not BARE.platform
+    assert repr(BARE.gravity) == "missing"
+    assert "platform=missing" in repr(BARE)
+
+
+def test_limits_are_limits():
+    with pytest.raises(MechanismError, match="limits"):
+        Mechanism.geometry("wrong", *ANCHORS, limits={"rate": 1})
+
+
+def hanging(gravity, turn=None, scale=1.0):
+    """Home of wu2012 as geometry with gravity, its base turned and its lengths scaled."""
+    R = np.eye(3) if turn is None else turn
+    mechanism = Mechanism.geometry("h", *(scale * one @ R.T for one in ANCHORS), scale * WU.length_limits)
+    return home_position(mechanism if gravity is None else replace(mechanism, gravity=np.array(gravity)))
+
+
+def test_home_is_above_the_base_as_gravity_has_it():
+    up = hanging(None)
+    assert up[2] > 0
+    assert_array_equal(hanging([0, 0, -9.81]), up)
+    np.testing.assert_allclose(hanging([0, 0, 9.81]), -up, rtol=0, atol=1e-15)
+    wall = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # the normal of the base along y
+    for noise in (0.0, 1e-17, -1e-17):
+        turned = hanging([noise, 9.81 * noise, -9.81], wall + noise)
+        np.testing.assert_allclose(turned, [0, up[2], 0], rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e-3, 1e6])
+def test_home_is_as_exact_in_any_unit(scale):
+    np.testing.assert_allclose(hanging(None, scale=scale) / scale, hanging(None), rtol=0, atol=1e-14)
