@@ -64,7 +64,9 @@ def measure(plan: Plan, states: States, progress: Progress) -> dict[str, Any]:
             for one in callers:
                 times[one.name].append(timed(one, -(-plan.calls[one.pace] // plan.rounds)))
     rows = [
-        {"name": one.name, "reason": one.reason} if isinstance(one, Missing) else _row(one, times[one.name])
+        {"name": one.name, "reason": one.reason}
+        if isinstance(one, Missing)
+        else summary(one, times[one.name])
         for one in found
     ]
     return {"rows": rows, "clock_ns": clock_ns()}
@@ -86,7 +88,8 @@ def clock_ns() -> float:
     return float(np.median(timed(Caller("nothing", "", "", lambda: None, [()]), 10_000)))
 
 
-def _row(caller: Caller, rounds: list[list[int]]) -> dict[str, Any]:
+def summary(caller: Caller, rounds: list[list[int]]) -> dict[str, Any]:
+    """Returns the row of a caller from the times of its calls [ns], a list a round."""
     together = np.concatenate(rounds)
     slowest = np.percentile(together, list(PERCENTILES.values())).tolist()
     return {

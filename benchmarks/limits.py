@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from benchmarks.figures import Results, Spread, all_threads, ratios, row, share_of_arithmetic
+from benchmarks.forward_kinematics import FOLLOWED, NEXT
 from benchmarks.naming import (
     EXACT,
     FAST,
@@ -100,10 +101,30 @@ def _two_threads(results: Results) -> Spread | str:
     return ratios(by_threads[1], by_threads[2]) if 2 in by_threads else "one processor"
 
 
+def _poses_a_second(results: Results) -> Spread:
+    name = on_threads(FOLLOWED, all_threads(results))
+    times = row(results, "forward_kinematics", name)["ns_per_sample"]
+    return Spread.of([1e3 / ns for ns in times])
+
+
+def _next_pose(results: Results) -> Spread:
+    (one,) = (call for call in results["forward_kinematics"]["calls"] if call["name"] == NEXT)
+    return Spread.of([ns / 1000 for ns in one["median_ns"]])
+
+
+def _wrong_poses(results: Results) -> Spread:
+    """Counts poses that are called ok and are not those drawn to 1e-12."""
+    rows = results["forward_kinematics"]["workspaces"]
+    wrong = sum(max(one["others"], int(one["error"] > _EXACT)) for one in rows)
+    return Spread.of([wrong])
+
+
 def _start_up(name: str) -> Callable[[Results], Spread]:
     return lambda results: Spread.of(results["startup"]["seconds"][name])
 
 
+# Of the platform's size, and radians.
+_EXACT = 1e-12
 START_UP = {IMPORT: 0.15, HELP: 0.3}
 """Command -> seconds that its process may take."""
 
@@ -119,6 +140,9 @@ LIMITS = (
     Limit("exact derivatives: cost over that of the forces", 6, "", _derivatives, most=True),
     Limit("cost per sample: largest over least along the sizes", 1.25, "", _flatness, most=True),
     Limit("two threads: times faster than one", 1.8, "", _two_threads),
+    Limit("forward kinematics along a trajectory, all processors", 1, "million a second", _poses_a_second),
+    Limit("forward kinematics, one call: median", 30, "us", _next_pose, most=True),
+    Limit("poses of the workspaces found wrong and called ok", 0, "", _wrong_poses, most=True),
     *(
         Limit(f"`{name}`, the whole process", bound, "s", _start_up(name), most=True)
         for name, bound in START_UP.items()

@@ -16,6 +16,7 @@ from benchmarks.figures import (
 )
 from benchmarks.limits import START_UP
 from benchmarks.naming import EXACT, FAST, FORCES, MEMORY, PEAK, TRIAD, on_threads
+from benchmarks.pose_section import forward_kinematics
 from benchmarks.tables import duration, missing, number, percent, spread, table
 
 _STEPS = {
@@ -206,6 +207,7 @@ ALL: dict[str, tuple[str, Callable[[Results], str]]] = {
     "Along a motion": ("batch", batch),
     "One sample at a time": ("latency", latency),
     "Exact derivatives": ("derivatives", derivatives),
+    "Forward kinematics": ("forward_kinematics", forward_kinematics),
     "Along the number of samples": ("scaling", scaling),
     "Kernels beside what the machine allows": ("kernels", kernels),
     "Memory of a batch": ("memory", memory),

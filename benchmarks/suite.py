@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from benchmarks import batch, kernels, latency, machine, memory, scaling, slopes, startup
+from benchmarks import batch, forward_kinematics, kernels, latency, machine, memory, scaling, slopes, startup
 from benchmarks.plan import MECHANISM, MOTION, Plan
 from benchmarks.rounds import Progress
 from benchmarks.states import States
@@ -40,6 +40,7 @@ def run(plan: Plan, told: Told, long: bool = False) -> dict[str, Any]:
     results["batch"] = batch.measure(plan, states, of("batch"))
     results["latency"] = latency.measure(plan, states, of("latency"))
     results["derivatives"] = slopes.measure(plan, states, of("derivatives"))
+    results["forward_kinematics"] = forward_kinematics.measure(plan, states, of("forward kinematics"))
     results["kernels"] = kernels.measure(plan, states, of("kernels"))
     results["scaling"] = scaling.measure(plan, states, of("scaling"), long)
     results["memory"] = memory.measure(plan, results["batch"]["rows"], of("memory"))

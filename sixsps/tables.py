@@ -44,24 +44,22 @@ class Table:
         return _row(self.path, self.first + index)
 
 
-def read_table(path: Path, known: tuple[str, ...]) -> Table:
+def read_table(path: Path, known: tuple[str, ...], fewest: int = 2) -> Table:
     """Reads the numeric columns of a CSV or Parquet file.
 
     Args:
         path: file to read.
         known: column names that may occur.
-
-    Returns:
-        The table, of at least two rows.
+        fewest: rows that it must have.
 
     Raises:
         MotionError: naming file, row and column, value and what is allowed.
     """
     check_table_file(path)
     with names_in_errors(path, known):
-        table = _read_parquet(path) if path.suffix == ".parquet" else _read_csv(path)
+        table = _read_parquet(path) if path.suffix == ".parquet" else _read_csv(path, fewest)
         names = column_names(table.column_names, known, path)
-    check_row_number(table.num_rows, path)
+    check_row_number(table.num_rows, path, fewest)
     return table_of(table, names, path)
 
 
@@ -96,10 +94,14 @@ def column_names(given: list[str], known: tuple[str, ...], path: Path) -> list[s
     return names
 
 
-def check_row_number(rows: int, path: Path) -> None:
-    """Raises MotionError where a file has too few rows for a motion."""
-    if rows < 2:
-        raise MotionError("rows", rows, "at least 2 samples", str(path))
+def check_row_number(rows: int, path: Path, fewest: int = 2) -> None:
+    """Raises MotionError where a file has too few rows, by default for a motion."""
+    if rows < fewest:
+        raise MotionError("rows", rows, _at_least(fewest), str(path))
+
+
+def _at_least(rows: int) -> str:
+    return f"at least {rows} sample{'s' if rows > 1 else ''}"
 
 
 def table_of(content: pa.Table, names: list[str], path: Path, first: int = 0) -> Table:
@@ -167,13 +169,13 @@ def _read_parquet(path: Path) -> pa.Table:
         return file.read()
 
 
-def _read_csv(path: Path) -> pa.Table:
-    with csv_errors(path) as convert:
+def _read_csv(path: Path, fewest: int) -> pa.Table:
+    with csv_errors(path, fewest) as convert:
         return pa.csv.read_csv(path, convert_options=convert)
 
 
 @contextmanager
-def csv_errors(path: Path) -> Iterator[pa.csv.ConvertOptions]:
+def csv_errors(path: Path, fewest: int = 2) -> Iterator[pa.csv.ConvertOptions]:
     """Yields how the cells of a CSV file are to be read: as numbers, all of them.
 
     Raises:
@@ -192,7 +194,7 @@ def csv_errors(path: Path) -> Iterator[pa.csv.ConvertOptions]:
         yield pa.csv.ConvertOptions(column_types=types, null_values=[""])
     except (pa.ArrowException, csv.Error) as error:
         if len(lines) == 1 and len(head) < _HEAD_BYTES:
-            raise MotionError("rows", 0, "at least 2 samples", str(path)) from None
+            raise MotionError("rows", 0, _at_least(fewest), str(path)) from None
         raise _bad_cell(path) or MotionError("file", str(error), "CSV text", str(path)) from None
 
 

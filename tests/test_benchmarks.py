@@ -18,6 +18,7 @@ from benchmarks import batch, latency, machine, rounds, scaling
 from benchmarks.__main__ import REPORT, RESULTS, main
 from benchmarks.candidates import Candidate, Missing, build, names
 from benchmarks.figures import Spread, ratios, row
+from benchmarks.forward_kinematics import FOLLOWED, FROM_HOME, MECHANISMS, NEXT, PLAIN
 from benchmarks.limits import LIMITS
 from benchmarks.naming import (
     DIFFERENCES,
@@ -89,6 +90,15 @@ class TestQuickRun:
         kernels = {(one["kernel"], one["place"], one["threads"]) for one in results["kernels"]["rows"]}
         measured = ("forces", "equations", "leg_motion", "force_derivatives")
         assert kernels == {(k, place, n) for k in measured for place in ("cache", "memory") for n in both}
+        part = results["forward_kinematics"]
+        assert {one["name"] for one in part["rows"]} == {on_threads(FOLLOWED, n) for n in both}
+        assert {one["name"] for one in part["calls"]} == {NEXT, FROM_HOME, PLAIN}
+        guesses = ("home", "the pose before", "a warm start")
+        tried = {(one["mechanism"], one["guess"]) for one in part["workspaces"]}
+        assert tried == {(name, guess) for name in MECHANISMS for guess in guesses}
+        for one in part["workspaces"]:
+            assert sum(one["status"].values()) == one["poses"] == QUICK.poses
+            assert one["others"] == 0
         sizes = {(one["samples"], one["threads"], one["reused"]) for one in results["scaling"]["rows"]}
         assert sizes >= {(size, n, reused) for size in QUICK.sizes for n in both for reused in (True, False)}
         assert {one["name"] for one in results["memory"]["rows"]} == fast | {
@@ -336,7 +346,7 @@ def test_plans_know_every_pace():
 
 
 def test_what_is_asked_for_has_words_and_bounds():
-    assert len({limit.what for limit in LIMITS}) == len(LIMITS) == 12
+    assert len({limit.what for limit in LIMITS}) == len(LIMITS) == 15
 
 
 def test_modules_have_one_job_and_are_no_part_of_the_package():

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from itertools import chain
-from numbers import Integral
-from threading import Thread
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +14,7 @@ from sixsps.arrays import Array
 from sixsps.errors import InputError, MotionError
 from sixsps.kernels.compiled import MISFIT, REGULAR, Kernel, kernel
 from sixsps.kernels.emission import CAPACITY
+from sixsps.kernels.sharing import shared, thread_count
 from sixsps.kernels.signatures import (
     EQUATIONS,
     FORCE_DERIVATIVES,
@@ -29,7 +26,11 @@ from sixsps.kernels.signatures import (
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
 from sixsps.parameters import parameter_vector
+from sixsps.platform_pose import MOST_ITERATIONS, ForwardKinematics, solved
 from sixsps.singularity import SINGULAR_CONDITION, condition_numbers
+
+if TYPE_CHECKING:
+    from sixsps.kernels.poses import PoseFinder
 
 # A chunk takes some tenths of a millisecond: long beside handing it out, and every thread gets its share.
 _CHUNK, _LEAST_CHUNK = 8192, 2048
@@ -85,7 +86,7 @@ class CompiledMechanism:
 
     def __init__(self, mechanism: Mechanism, threads: int | None = None) -> None:
         self.mechanism = mechanism
-        self.threads = _threads(threads)
+        self.threads = thread_count(threads)
         self._parameters = parameter_vector(mechanism)
         self._constants: dict[Signature, Array] = {}
         self._fixed = self._constants_of(kernel(FORCES))
@@ -138,6 +139,36 @@ class CompiledMechanism:
     def inverse_kinematics(self, motion: Motion) -> LegLengths:
         """Returns lengths of the legs along a motion with their first two derivatives."""
         return LegLengths(**self._run(LEG_MOTION, motion))
+
+    def forward_kinematics(
+        self,
+        lengths: ArrayLike,
+        guess: Any = None,
+        *,
+        on_failure: Literal["raise", "return"] = "raise",
+        max_iterations: int = MOST_ITERATIONS,
+    ) -> ForwardKinematics:
+        """Returns the pose that leg lengths lead the platform to; see `sixsps.forward_kinematics`.
+
+        The first call of a process reads its machine code from disk. In a control loop the guess is what
+        the call before returned: from there it takes some microseconds.
+
+        Args:
+            lengths: (6,) of one sample, or (n, 6) [m].
+            guess: where the platform is before the first sample, or n poses; the home position by default.
+            on_failure: `raise` where a sample has no pose, or `return` what was found, with its status.
+            max_iterations: Newton steps that a sample may take.
+
+        Raises:
+            ConvergenceError, InputError: as `sixsps.forward_kinematics`.
+        """
+        return solved(self._finder, lengths, guess, on_failure, max_iterations)
+
+    @cached_property
+    def _finder(self) -> PoseFinder:
+        from sixsps.kernels.poses import PoseFinder  # machine code that forces do not take
+
+        return PoseFinder(self.mechanism, self.threads)
 
     def leg_forces(
         self,
@@ -216,7 +247,7 @@ class CompiledMechanism:
             parts = [slice(first, min(first + _PART, stop)) for first in range(start, stop, _PART)]
             return [part for part in parts if not call(part.start, part.stop)]
 
-        doubtful = _shared(chunk, starts, self.threads)
+        doubtful = shared(chunk, starts, self.threads)
         for part in chain.from_iterable(doubtful):
             self._blank_singular(motion, part, found)
         return found
@@ -273,41 +304,6 @@ def compile(mechanism: Mechanism, threads: int | None = None) -> CompiledMechani
         InputError: `threads` is not a positive number.
     """
     return CompiledMechanism(mechanism, threads)
-
-
-def _shared(function: Callable[[int], list[slice]], starts: Sequence[int], threads: int) -> list[list[slice]]:
-    """Returns what a function makes of each start, in any order; this thread and others take turns.
-
-    The others live as long as the call: there is nothing to go wrong after a fork.
-    """
-    found: list[list[slice]] = []
-    errors: list[BaseException] = []
-    waiting = iter(starts)
-
-    def work() -> None:
-        try:
-            for start in waiting:
-                found.append(function(start))  # noqa: PERF401  threads extend no list at once
-        except BaseException as error:
-            errors.append(error)
-
-    others = [Thread(target=work) for _ in range(min(threads, len(starts)) - 1)]
-    for thread in others:
-        thread.start()
-    work()
-    for thread in others:
-        thread.join()
-    if errors:
-        raise errors[0]
-    return found
-
-
-def _threads(given: int | None) -> int:
-    if given is None:
-        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if isinstance(given, bool) or not isinstance(given, Integral) or given < 1:
-        raise InputError("threads", given, "a positive whole number, or None for every processor")
-    return int(given)
 
 
 def _arrays(given: tuple[ArrayLike, ...]) -> tuple[Array, ...]:
