@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 
 from sixsps.arrays import Array
 from sixsps.errors import MechanismError
 from sixsps.singularity import SINGULAR_CONDITION, condition_numbers
 
-# Anchors that were turned or read from a drawing miss a line, a plane or a conic by rounding.
+# Anchors that were turned or read from a drawing miss a point, a line, a plane or a conic by rounding.
 _ROUNDING = 1e-9
 _POSES = 16
 
@@ -22,59 +24,119 @@ def check_architecture(base_anchors: Array, platform_anchors: Array, length: flo
     Args:
         base_anchors: (6, 3) world frame [m].
         platform_anchors: (6, 3) platform frame [m].
-        length: characteristic length of the platform [m].
+        length: largest distance at which coordinates round, as of the anchors from O1 [m].
     """
-    if length > 0 and best_condition(base_anchors, platform_anchors, length) < SINGULAR_CONDITION:
+    spread = _size(platform_anchors) > _ROUNDING * length
+    if spread and best_condition(base_anchors, platform_anchors) < SINGULAR_CONDITION:
         return
     for place, anchors in (("base.anchors", base_anchors), ("platform.anchors", platform_anchors)):
-        _, counts = np.unique(anchors, axis=0, return_counts=True)
-        if counts.max() > 3:
-            found = f"{counts.max()} anchors coincide and every pose is singular"
+        most = max(len(group) for group in _groups(anchors))
+        if most > 3:
+            found = f"{most} anchors coincide and every pose is singular"
             raise MechanismError(place, found, "at most three coincident anchors")
         if _flatness(anchors) == 1:
             raise MechanismError(place, "all on one line and every pose is singular", "anchors off one line")
-    found, allowed = _reason(base_anchors, platform_anchors)
-    raise MechanismError("base.anchors", f"every pose is singular: {found}", allowed)
+    allowed = f"anchors with which some pose is regular; here {_reason(base_anchors, platform_anchors)}"
+    raise MechanismError("base.anchors", "every pose is singular", allowed)
 
 
-def best_condition(base_anchors: Array, platform_anchors: Array, length: float) -> float:
+def best_condition(base_anchors: Array, platform_anchors: Array) -> float:
     """Returns the least condition number of the Jacobian in a handful of poses at random.
+
+    It belongs to the centroid of the platform anchors and their root mean square distance from there, so
+    that it does not depend on where the platform frame sits.
 
     Args:
         base_anchors: (6, 3) world frame [m].
         platform_anchors: (6, 3) platform frame [m].
-        length: that divides the angular columns [m].
     """
+    size = _size(platform_anchors)
+    jacobian, lengths = _random_jacobians(base_anchors, platform_anchors)
+    return float(condition_numbers(jacobian, lengths, size).min())
+
+
+def _size(anchors: Array) -> float:
+    """Returns the root mean square distance of anchors from their centroid [m]."""
+    return float(np.sqrt(np.mean(np.sum((anchors - anchors.mean(axis=0)) ** 2, axis=1))))
+
+
+def _random_jacobians(base_anchors: Array, platform_anchors: Array) -> tuple[Array, Array]:
+    """Returns (n, 6, 6) Jacobians about the centroid of the platform anchors and (n, 6) leg lengths [m]."""
     generator = np.random.default_rng(20120531)
-    size = length + float(np.ptp(base_anchors, axis=0).max())
-    position = base_anchors.mean(axis=0) + size * generator.standard_normal((_POSES, 3))
+    size = _size(platform_anchors) + float(np.ptp(base_anchors, axis=0).max())
+    position = size * generator.standard_normal((_POSES, 3))
     rotation, _ = np.linalg.qr(generator.standard_normal((_POSES, 3, 3)))
     rotation *= np.linalg.det(rotation)[:, None, None]
-    arms = np.einsum("nij,kj->nki", rotation, platform_anchors)
-    legs = position[:, None] + arms - base_anchors
+    arms = np.einsum("nij,kj->nki", rotation, platform_anchors - platform_anchors.mean(axis=0))
+    legs = position[:, None] + arms - (base_anchors - base_anchors.mean(axis=0))
     lengths = np.linalg.norm(legs, axis=-1)
     directions = legs / lengths[..., None]
-    jacobian = np.concatenate([directions, np.cross(arms, directions)], axis=-1)
-    return float(condition_numbers(jacobian, lengths, length).min())
+    return np.concatenate([directions, np.cross(arms, directions)], axis=-1), lengths
 
 
-def _reason(base_anchors: Array, platform_anchors: Array) -> tuple[str, str]:
-    """Returns what is wrong with the anchors, and what is allowed."""
-    for first in range(6):
-        for second in range(first + 1, 6):
-            pairs = np.hstack([base_anchors, platform_anchors])
-            if np.array_equal(pairs[first], pairs[second]):
-                return (
-                    f"legs {first + 1} and {second + 1} have the same joints",
-                    "each leg its own pair of joints",
+def _reason(base: Array, platform: Array) -> str:
+    """Returns what is wrong with the anchors."""
+    legs = _dependent_legs(base, platform)
+    if len(legs) == 6:
+        return _reason_of_all(base, platform)
+    A, b, names = base[legs], platform[legs], _listed(legs)
+    if len(legs) == 2:
+        return f"legs {names} have the same joints"
+    if len(legs) == 3 and _flatness(A) == 0:
+        return f"legs {names} meet in one base joint, and their platform joints are on one line"
+    if len(legs) == 3 and _flatness(b) == 0:
+        return f"legs {names} meet in one platform joint, and their base joints are on one line"
+    if len(legs) == 4 and _flatness(A) == _flatness(b) == 1:
+        return f"the joints of legs {names} divide a line of the base and one of the platform alike"
+    return f"legs {names} alone depend on each other"
+
+
+def _reason_of_all(base: Array, platform: Array) -> str:
+    """Returns the same where any five legs are independent."""
+    for place, points, other, others in (
+        ("base", base, "platform", platform),
+        ("platform", platform, "base", base),
+    ):
+        for group in _groups(points):
+            rest = [leg for leg in range(6) if leg not in group]
+            if len(group) == 3 and _flatness(others[rest]) == 0:
+                found = (
+                    f"legs {_listed(group)} meet in one {place} joint, legs {_listed(rest)} in one {other}"
                 )
-    both_flat = _flatness(base_anchors) == _flatness(platform_anchors) == 2
-    if both_flat and _on_a_conic(_in_plane(base_anchors)):
-        kind = _relation(_in_plane(base_anchors), _in_plane(platform_anchors))
-        if kind:
-            allowed = "anchors of which the platform's are not an affine image of the base's on one conic"
-            return f"base and platform are {kind} polygons on one conic", allowed
-    return "an architecture singularity of these anchors", "anchors with which some pose is regular"
+                return f"{found} joint, and the line through both meets all six"
+    if _flatness(base) == _flatness(platform) == 2:
+        flat = _in_plane(base), _in_plane(platform)
+        kind = _relation(*flat)
+        if kind and _on_a_conic(flat[0]):
+            return f"base and platform are {kind} polygons, each on a conic"
+    return "the lines of the legs always belong to one linear complex"
+
+
+def _dependent_legs(base: Array, platform: Array) -> list[int]:
+    """Returns the fewest legs whose lines depend on each other in every pose."""
+    jacobian, _ = _random_jacobians(base, platform)
+    size = _size(platform) or 1.0
+    rows = jacobian / np.repeat([1.0, size], 3)
+    for number in range(2, 6):
+        for legs in combinations(range(6), number):
+            values = np.linalg.svd(rows[:, legs], compute_uv=False)
+            if (values[:, -1] < _ROUNDING * values[:, 0]).all():
+                return list(legs)
+    return list(range(6))
+
+
+def _groups(anchors: Array) -> list[list[int]]:
+    """Returns the anchors, from 0, in groups that coincide."""
+    near = _ROUNDING * np.abs(anchors).max()
+    groups: list[list[int]] = []
+    for index, anchor in enumerate(anchors):
+        for group in groups:
+            if np.abs(anchors[group[0]] - anchor).max() <= near:
+                group.append(index)
+                break
+        else:
+            groups.append([index])
+    return groups
 
 
 def _flatness(anchors: Array) -> int:
@@ -97,10 +159,27 @@ def _on_a_conic(points: Array) -> bool:
 
 
 def _relation(base: Array, platform: Array) -> str:
-    """Returns how the platform's points (6, 2) are an image of the base's: similar, affine, or not at all."""
+    """Returns how the platform's points (6, 2) are an image of the base's, "" where they are none."""
     image, *_ = np.linalg.lstsq(base, platform, rcond=None)
-    if np.abs(base @ image - platform).max() > _ROUNDING:
-        return ""
-    gram = image.T @ image
-    similar = np.abs(gram - np.trace(gram) / 2 * np.eye(2)).max() <= _ROUNDING * np.trace(gram)
-    return "similar" if similar else "affinely related"
+    if np.abs(base @ image - platform).max() <= _ROUNDING:
+        gram = image.T @ image
+        similar = np.abs(gram - np.trace(gram) / 2 * np.eye(2)).max() <= _ROUNDING * np.trace(gram)
+        return "similar" if similar else "affinely related"
+    if any(_flatness(points[list(three)]) < 2 for points in (base, platform) for three in _TRIPLES):
+        return ""  # three on a line: a homography would fit more than it says
+    points, images = np.column_stack([base, np.ones(6)]), platform
+    zero = np.zeros((6, 3))
+    rows = [
+        np.hstack([points, zero, -images[:, :1] * points]),
+        np.hstack([zero, points, -images[:, 1:] * points]),
+    ]
+    fits = float(np.linalg.svd(np.vstack(rows), compute_uv=False)[-1]) < _ROUNDING
+    return "projectively related" if fits else ""
+
+
+_TRIPLES = list(combinations(range(6), 3))
+
+
+def _listed(legs: list[int]) -> str:
+    numbers = [leg + 1 for leg in legs]
+    return ", ".join(map(str, numbers[:-1])) + f" and {numbers[-1]}"
