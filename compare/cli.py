@@ -30,8 +30,11 @@ from compare.cli_arguments import (
     complete_engine,
     complete_motion,
 )
+from compare.cli_kinematics import fk
+from compare.cli_limits import check
 from compare.cli_simulate import simulate
 from compare.cli_tools import export, modes
+from compare.cli_workspace import workspace
 from sixsps.errors import InputError, SixspsError, printable, shown
 from sixsps.legs import Legs
 
@@ -269,6 +272,9 @@ def errata(
 
 app.command()(simulate)
 app.command()(modes)
+app.command()(check)
+app.command()(fk)
+app.command()(workspace)
 app.add_typer(export, name="export")
 
 

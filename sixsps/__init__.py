@@ -13,11 +13,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from sixsps.assembly import AssemblyMode as AssemblyMode
+    from sixsps.assembly import AssemblyModes as AssemblyModes
+    from sixsps.assembly import SingularMode as SingularMode
+    from sixsps.assembly import assembly_modes as assembly_modes
     from sixsps.bodies import Leg as Leg
     from sixsps.bodies import Link as Link
     from sixsps.bodies import Platform as Platform
     from sixsps.calibration import LengthDerivatives as LengthDerivatives
     from sixsps.calibration import length_derivatives as length_derivatives
+    from sixsps.crossings import Crossings as Crossings
+    from sixsps.crossings import singularity_crossings as singularity_crossings
     from sixsps.dynamics import State as State
     from sixsps.dynamics import bias as bias
     from sixsps.dynamics import forward_dynamics as forward_dynamics
@@ -42,22 +48,38 @@ if TYPE_CHECKING:
     from sixsps.kinematics import LegKinematics as LegKinematics
     from sixsps.kinematics import inverse_kinematics as inverse_kinematics
     from sixsps.limits import Limits as Limits
+    from sixsps.margins import limit_margins as limit_margins
+    from sixsps.margins import pose_margins as pose_margins
     from sixsps.mechanism import Mechanism as Mechanism
     from sixsps.mechanism_file import bundled_mechanisms as bundled_mechanisms
     from sixsps.motion import Motion as Motion
+    from sixsps.nearest_singularity import SingularityDistance as SingularityDistance
+    from sixsps.nearest_singularity import singularity_distance as singularity_distance
     from sixsps.payload import Payload as Payload
     from sixsps.payload import attached as attached
     from sixsps.payload import shifted_wrench as shifted_wrench
+    from sixsps.platform_pose import ForwardKinematics as ForwardKinematics
+    from sixsps.platform_pose import forward_kinematics as forward_kinematics
+    from sixsps.platform_rates import PlatformRates as PlatformRates
+    from sixsps.platform_rates import forward_rates as forward_rates
     from sixsps.pose import Pose as Pose
+    from sixsps.pose_quality import Quality as Quality
+    from sixsps.pose_quality import quality as quality
     from sixsps.regressor import inertial_parameters as inertial_parameters
     from sixsps.regressor import wrench_forces as wrench_forces
+    from sixsps.workspace import constant_orientation_workspace as constant_orientation_workspace
+    from sixsps.workspace import orientation_workspace as orientation_workspace
 
 # Imported when first asked for: the module alone has to be there at once.
 _PLACES = {
+    "AssemblyMode": "assembly",
+    "AssemblyModes": "assembly",
     "CompiledMechanism": "kernels.model",
     "ConvergenceError": "errors",
+    "Crossings": "crossings",
     "EngineError": "errors",
     "EngineUnavailable": "errors",
+    "ForwardKinematics": "platform_pose",
     "InputError": "errors",
     "Leg": "bodies",
     "LegKinematics": "kinematics",
@@ -71,16 +93,24 @@ _PLACES = {
     "OutputError": "errors",
     "Payload": "payload",
     "Platform": "bodies",
+    "PlatformRates": "platform_rates",
     "Pose": "pose",
+    "Quality": "pose_quality",
+    "SingularityDistance": "nearest_singularity",
+    "SingularMode": "assembly",
     "SixspsError": "errors",
     "State": "dynamics",
     "UnknownNameError": "errors",
     "bias": "dynamics",
     "bundled_mechanisms": "mechanism_file",
     "attached": "payload",
+    "assembly_modes": "assembly",
     "base_parameters": "identification",
     "compile": "kernels.model",
+    "constant_orientation_workspace": "workspace",
     "forward_dynamics": "dynamics",
+    "forward_kinematics": "platform_pose",
+    "forward_rates": "platform_rates",
     "identify": "identification",
     "inertial_parameters": "regressor",
     "inverse_dynamics": "formulations",
@@ -88,12 +118,18 @@ _PLACES = {
     "joint_reactions": "formulations.newton_euler",
     "kinetic_energy": "dynamics",
     "length_derivatives": "calibration",
+    "limit_margins": "margins",
     "mass_matrix": "dynamics",
+    "pose_margins": "margins",
+    "orientation_workspace": "workspace",
     "potential_energy": "dynamics",
+    "quality": "pose_quality",
     "shifted_wrench": "payload",
+    "singularity_crossings": "crossings",
+    "singularity_distance": "nearest_singularity",
     "wrench_forces": "regressor",
 }
-_MODULES = ("rotation", "symbolic", "trajectories")
+_MODULES = ("margins", "rotation", "symbolic", "trajectories")
 
 __all__ = sorted([*_PLACES, *_MODULES])
 

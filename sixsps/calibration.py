@@ -43,7 +43,7 @@ class LengthDerivatives:
         legs = np.arange(6)
         blocks[:, legs, 0, legs] = self.by_base_anchors
         blocks[:, legs, 1, legs] = self.by_platform_anchors
-        return -np.linalg.solve(self.by_pose, blocks.reshape(n, 6, 36))
+        return np.asarray(-np.linalg.solve(self.by_pose, blocks.reshape(n, 6, 36)))
 
 
 def length_derivatives(mechanism: Mechanism, motion: Motion) -> LengthDerivatives:

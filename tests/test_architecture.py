@@ -21,11 +21,14 @@ HOMES = {
     },
     "dartpy": {"compare/engines/dart.py"},
     "exudyn": {"compare/engines/exudyn.py", "compare/forward/exudyn.py"},
+    "flint": {"sixsps/assembly/exact.py", "sixsps/certified.py"},
     "llvmlite": {"sixsps/kernels/emission.py"},
     "mujoco": {"compare/engines/mujoco.py", "compare/forward/mujoco.py", "compare/traps/mujoco.py"},
     "numba": {
+        "sixsps/assembly/machine_code.py",
         "sixsps/kernels/compiled.py",
         "sixsps/kernels/emission.py",
+        "sixsps/kernels/entries.py",
     },
     "opensim": {"compare/engines/opensim.py"},
     "pinocchio": {
