@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import combinations
 
 import numpy as np
@@ -13,10 +14,16 @@ from sixsps.singularity import SINGULAR_CONDITION, condition_numbers
 # Anchors that were turned or read from a drawing miss a point, a line, a plane or a conic by rounding.
 _ROUNDING = 1e-9
 _POSES = 16
+# Ordinary hexapods have some pose with a condition number below 200 among those. Anchors of an architecture
+# singularity that were typed with five digits or more are beyond this, and their forces are those of the
+# digits that were left out.
+_NEARLY_SINGULAR = 1e5
+# Such anchors miss what makes them singular by this much over the condition number, and less.
+_NEAR = 100.0
 
 
 def check_architecture(base_anchors: Array, platform_anchors: Array, length: float) -> None:
-    """Raises MechanismError, saying why, when the Jacobian is singular in every pose.
+    """Raises MechanismError, saying why, when the Jacobian is singular, or nearly so, in every pose.
 
     det J is an analytic function of the pose: where it vanishes at a handful of generic poses it
     vanishes everywhere.
@@ -27,16 +34,24 @@ def check_architecture(base_anchors: Array, platform_anchors: Array, length: flo
         length: largest distance at which coordinates round, as of the anchors from O1 [m].
     """
     spread = _size(platform_anchors) > _ROUNDING * length
-    if spread and best_condition(base_anchors, platform_anchors) < SINGULAR_CONDITION:
+    best = best_condition(base_anchors, platform_anchors) if spread else np.inf
+    if best < _NEARLY_SINGULAR:
         return
+    if best < SINGULAR_CONDITION:
+        found = f"every pose is nearly singular, condition number {best:.0e} at best"
+        reason = _reason(base_anchors, platform_anchors, max(_NEAR / best, _ROUNDING))
+        allowed = f"anchors with which some pose is regular; here, to {math.log10(best):.0f} digits, {reason}"
+        raise MechanismError("base.anchors", found, allowed)
     for place, anchors in (("base.anchors", base_anchors), ("platform.anchors", platform_anchors)):
-        most = max(len(group) for group in _groups(anchors))
+        most = max(len(group) for group in _groups(anchors, _ROUNDING))
         if most > 3:
             found = f"{most} anchors coincide and every pose is singular"
             raise MechanismError(place, found, "at most three coincident anchors")
-        if _flatness(anchors) == 1:
+        if _flatness(anchors, _ROUNDING) == 1:
             raise MechanismError(place, "all on one line and every pose is singular", "anchors off one line")
-    allowed = f"anchors with which some pose is regular; here {_reason(base_anchors, platform_anchors)}"
+    allowed = (
+        f"anchors with which some pose is regular; here {_reason(base_anchors, platform_anchors, _ROUNDING)}"
+    )
     raise MechanismError("base.anchors", "every pose is singular", allowed)
 
 
@@ -74,45 +89,45 @@ def _random_jacobians(base_anchors: Array, platform_anchors: Array) -> tuple[Arr
     return np.concatenate([directions, np.cross(arms, directions)], axis=-1), lengths
 
 
-def _reason(base: Array, platform: Array) -> str:
+def _reason(base: Array, platform: Array, near: float) -> str:
     """Returns what is wrong with the anchors."""
-    legs = _dependent_legs(base, platform)
+    legs = _dependent_legs(base, platform, near)
     if len(legs) == 6:
-        return _reason_of_all(base, platform)
+        return _reason_of_all(base, platform, near)
     A, b, names = base[legs], platform[legs], _listed(legs)
     if len(legs) == 2:
         return f"legs {names} have the same joints"
-    if len(legs) == 3 and _flatness(A) == 0:
+    if len(legs) == 3 and _flatness(A, near) == 0:
         return f"legs {names} meet in one base joint, and their platform joints are on one line"
-    if len(legs) == 3 and _flatness(b) == 0:
+    if len(legs) == 3 and _flatness(b, near) == 0:
         return f"legs {names} meet in one platform joint, and their base joints are on one line"
-    if len(legs) == 4 and _flatness(A) == _flatness(b) == 1:
+    if len(legs) == 4 and _flatness(A, near) == _flatness(b, near) == 1:
         return f"the joints of legs {names} divide a line of the base and one of the platform alike"
     return f"legs {names} alone depend on each other"
 
 
-def _reason_of_all(base: Array, platform: Array) -> str:
+def _reason_of_all(base: Array, platform: Array, near: float) -> str:
     """Returns the same where any five legs are independent."""
     for place, points, other, others in (
         ("base", base, "platform", platform),
         ("platform", platform, "base", base),
     ):
-        for group in _groups(points):
+        for group in _groups(points, near):
             rest = [leg for leg in range(6) if leg not in group]
-            if len(group) == 3 and _flatness(others[rest]) == 0:
+            if len(group) == 3 and _flatness(others[rest], near) == 0:
                 found = (
                     f"legs {_listed(group)} meet in one {place} joint, legs {_listed(rest)} in one {other}"
                 )
                 return f"{found} joint, and the line through both meets all six"
-    if _flatness(base) == _flatness(platform) == 2:
+    if _flatness(base, near) == _flatness(platform, near) == 2:
         flat = _in_plane(base), _in_plane(platform)
-        kind = _relation(*flat)
-        if kind and _on_a_conic(flat[0]):
+        kind = _relation(*flat, near)
+        if kind and _on_a_conic(flat[0], near):
             return f"base and platform are {kind} polygons, each on a conic"
     return "the lines of the legs always belong to one linear complex"
 
 
-def _dependent_legs(base: Array, platform: Array) -> list[int]:
+def _dependent_legs(base: Array, platform: Array, near: float) -> list[int]:
     """Returns the fewest legs whose lines depend on each other in every pose."""
     jacobian, _ = _random_jacobians(base, platform)
     size = _size(platform) or 1.0
@@ -120,18 +135,18 @@ def _dependent_legs(base: Array, platform: Array) -> list[int]:
     for number in range(2, 6):
         for legs in combinations(range(6), number):
             values = np.linalg.svd(rows[:, legs], compute_uv=False)
-            if (values[:, -1] < _ROUNDING * values[:, 0]).all():
+            if (values[:, -1] < near * values[:, 0]).all():
                 return list(legs)
     return list(range(6))
 
 
-def _groups(anchors: Array) -> list[list[int]]:
+def _groups(anchors: Array, near: float) -> list[list[int]]:
     """Returns the anchors, from 0, in groups that coincide."""
-    near = _ROUNDING * np.abs(anchors).max()
+    distance = near * np.abs(anchors).max()
     groups: list[list[int]] = []
     for index, anchor in enumerate(anchors):
         for group in groups:
-            if np.abs(anchors[group[0]] - anchor).max() <= near:
+            if np.abs(anchors[group[0]] - anchor).max() <= distance:
                 group.append(index)
                 break
         else:
@@ -139,10 +154,10 @@ def _groups(anchors: Array) -> list[list[int]]:
     return groups
 
 
-def _flatness(anchors: Array) -> int:
+def _flatness(anchors: Array, near: float) -> int:
     """Returns 0 for anchors in one point, 1 on a line, 2 in a plane, 3 in space."""
     spread = np.linalg.svd(anchors - anchors.mean(axis=0), compute_uv=False)
-    return int((spread > _ROUNDING * np.abs(anchors).max()).sum())
+    return int((spread > near * np.abs(anchors).max()).sum())
 
 
 def _in_plane(anchors: Array) -> Array:
@@ -152,20 +167,20 @@ def _in_plane(anchors: Array) -> Array:
     return np.asarray(flat / np.abs(flat).max())
 
 
-def _on_a_conic(points: Array) -> bool:
+def _on_a_conic(points: Array, near: float) -> bool:
     x, y = points.T
     powers = np.column_stack([x * x, x * y, y * y, x, y, np.ones(6)])
-    return float(np.linalg.svd(powers, compute_uv=False)[-1]) < _ROUNDING
+    return float(np.linalg.svd(powers, compute_uv=False)[-1]) < near
 
 
-def _relation(base: Array, platform: Array) -> str:
+def _relation(base: Array, platform: Array, near: float) -> str:
     """Returns how the platform's points (6, 2) are an image of the base's, "" where they are none."""
     image, *_ = np.linalg.lstsq(base, platform, rcond=None)
-    if np.abs(base @ image - platform).max() <= _ROUNDING:
+    if np.abs(base @ image - platform).max() <= near:
         gram = image.T @ image
-        similar = np.abs(gram - np.trace(gram) / 2 * np.eye(2)).max() <= _ROUNDING * np.trace(gram)
+        similar = np.abs(gram - np.trace(gram) / 2 * np.eye(2)).max() <= near * np.trace(gram)
         return "similar" if similar else "affinely related"
-    if any(_flatness(points[list(three)]) < 2 for points in (base, platform) for three in _TRIPLES):
+    if any(_flatness(points[list(three)], near) < 2 for points in (base, platform) for three in _TRIPLES):
         return ""  # three on a line: a homography would fit more than it says
     points, images = np.column_stack([base, np.ones(6)]), platform
     zero = np.zeros((6, 3))
@@ -173,7 +188,7 @@ def _relation(base: Array, platform: Array) -> str:
         np.hstack([points, zero, -images[:, :1] * points]),
         np.hstack([zero, points, -images[:, 1:] * points]),
     ]
-    fits = float(np.linalg.svd(np.vstack(rows), compute_uv=False)[-1]) < _ROUNDING
+    fits = float(np.linalg.svd(np.vstack(rows), compute_uv=False)[-1]) < near
     return "projectively related" if fits else ""
 
 

@@ -33,6 +33,8 @@ def extremes(time: Array, values: Array, rates: Array) -> tuple[Array, Array]:
 
 def _roots(a: Array, b: Array, c: Array) -> tuple[Array, Array]:
     """Returns both roots of a x^2 + b x + c held to 0..1, 0 where there is none; without cancellation."""
+    scale = np.maximum.reduce([np.abs(a), np.abs(b), np.abs(c)])  # so that no square leaves the floats
+    a, b, c = (np.divide(part, scale, out=np.zeros_like(part), where=scale > 0) for part in (a, b, c))
     root = np.sqrt(np.maximum(b * b - 4 * a * c, 0.0))
     q = -(b + np.copysign(root, b)) / 2
     return _quotient(q, a), _quotient(c, q)

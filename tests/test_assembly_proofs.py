@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from hexapods import Hexapod, dietmaier
+from scipy.spatial.transform import Rotation
 
 flint = pytest.importorskip("flint")
 
@@ -10,6 +11,7 @@ from pose_enclosures import BITS, enclosure  # noqa: E402
 
 from sixsps.assembly import exact  # noqa: E402
 from sixsps.assembly.certificate import NOT_REAL, REAL, UNPROVEN, all_distinct, certified  # noqa: E402
+from sixsps.assembly.frame import Frame  # noqa: E402
 from sixsps.assembly.solve import Problem, findings, modes_of  # noqa: E402
 
 
@@ -75,6 +77,22 @@ def test_ball_arithmetic_agrees_about_every_complex_solution(seed):
         gauge = x.conj() / np.linalg.norm(x) ** 2
         there = proof.x / (gauge @ proof.x)
         assert np.abs(there - x).max() <= radius + 2 * proof.radius + 1e-15
+
+
+def test_radii_of_a_pose_hold_what_a_ball_of_coordinates_holds():
+    rng = np.random.default_rng(3)
+    hexapod = Hexapod(rng)
+    _, found = solutions(hexapod)
+    frame = Frame.of(hexapod.base + 3, hexapod.platform - 5, hexapod.lengths)
+    radius = 1e-4
+    for x in found.x[found.kinds == REAL].real:
+        position, _, rotation = frame.poses(x[None])
+        reach, angle = (bound[0] for bound in frame.radii(x[None], np.array([radius])))
+        moved = frame.poses(x + radius * rng.choice([-1, 1], (500, 8)))
+        apart = np.linalg.norm(moved[0] - position, axis=1)
+        turned = Rotation.from_matrix(moved[2] @ rotation[0].T).magnitude()
+        assert 0.05 * reach < apart.max() < reach
+        assert 0.2 * angle < turned.max() < angle
 
 
 def test_what_is_not_real_comes_in_pairs():

@@ -14,7 +14,9 @@ from sixsps.segments import segment_distances
 UNIT = np.finfo(float).eps
 # Whole numbers meet on purpose: crossing, touching, parallel, collinear and degenerate segments.
 WHOLE = st.lists(st.integers(-3, 3), min_size=12, max_size=12).map(np.array)
-REAL = st.lists(st.floats(-1, 1, allow_subnormal=False), min_size=12, max_size=12).map(np.array)
+# Products of four lengths have to stay above the smallest floats: nothing shorter than 1e-30.
+NUMBER = st.floats(-1, 1).map(lambda number: number if abs(number) > 1e-30 else 0.0)
+REAL = st.lists(NUMBER, min_size=12, max_size=12).map(np.array)
 
 
 def parts(numbers):

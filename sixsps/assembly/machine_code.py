@@ -46,7 +46,7 @@ def entry(signature: str, exact: bool = False) -> Callable[[Callable[..., Any]],
 
     Args:
         signature: types of what it returns and takes, as Numba writes them.
-        exact: whether its own operations, and those of its sections, are rounded one by one.
+        exact: whether its own operations are rounded one by one.
     """
 
     def decorated(function: Callable[..., Any]) -> Any:

@@ -7,9 +7,10 @@ where the graphs are, in any order of the legs and with base and platform exchan
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from itertools import permutations
+from itertools import permutations, product
 from typing import Any
 
 import numpy as np
@@ -73,14 +74,15 @@ def relabelling(base: Labels, platform: Labels) -> Relabelling:
         base: six numbers, as `shared` gives them.
         platform: six numbers.
     """
-    sides = ((base, platform), (platform, base))
-    found = (
-        ((numbered(a[k] for k in order), numbered(b[k] for k in order)), order, exchanged)
-        for exchanged, (a, b) in enumerate(sides)
-        for order in _ORDERS
-    )
-    (first, second), order, exchanged = min(found)
-    return Relabelling(Pattern(first, second), order, bool(exchanged))
+    (first, second), order, exchanged = min(_relabelled(base, platform))
+    return Relabelling(Pattern(first, second), order, exchanged)
+
+
+def _relabelled(base: Labels, platform: Labels) -> Iterator[tuple[tuple[Labels, Labels], Labels, bool]]:
+    """Yields the labels in every order of the legs and in both roles."""
+    for exchanged, (a, b) in ((False, (base, platform)), (True, (platform, base))):
+        for order in _ORDERS:
+            yield (numbered(a[k] for k in order), numbered(b[k] for k in order)), order, exchanged
 
 
 @cache
@@ -88,12 +90,12 @@ def every_pattern() -> tuple[Pattern, ...]:
     """Returns the classes of six legs no two of which share both anchors, in order."""
     partitions = list(_partitions((), 0))
     shapes = {tuple(sorted(np.bincount(labels))): labels for labels in partitions}
-    found = {
-        relabelling(base, platform).pattern
-        for base in shapes.values()
-        for platform in partitions
-        if len(set(zip(base, platform, strict=True))) == 6
-    }
+    found, seen = [], set()
+    for pair in product(shapes.values(), partitions):
+        if len(set(zip(*pair, strict=True))) == 6 and pair not in seen:
+            same = {labels for labels, _, _ in _relabelled(*pair)}
+            seen |= same
+            found.append(Pattern(*min(same)))
     return tuple(sorted(found, key=lambda pattern: (pattern.base, pattern.platform)))
 
 
