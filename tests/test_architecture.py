@@ -25,10 +25,9 @@ HOMES = {
     "llvmlite": {"sixsps/kernels/emission.py"},
     "mujoco": {"compare/engines/mujoco.py", "compare/forward/mujoco.py", "compare/traps/mujoco.py"},
     "numba": {
-        "sixsps/assembly/machine_code.py",
         "sixsps/kernels/compiled.py",
         "sixsps/kernels/emission.py",
-        "sixsps/kernels/entries.py",
+        "sixsps/machine_code.py",
     },
     "opensim": {"compare/engines/opensim.py"},
     "pinocchio": {

@@ -195,6 +195,6 @@ def test_legs_from_anchors():
 
 
 def test_machine_code_is_named_after_the_sources_that_it_is_made_of():
-    digest = sources.digest("assembly")[:16]
+    digest = sources.digest("machine_code.py", "assembly")[:16]
     for entry in (tracker.track_paths, certificate.certify, certificate.all_distinct):
         assert re.fullmatch(rf"\w+_{digest}", entry.py_func.__qualname__)

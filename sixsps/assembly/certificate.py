@@ -21,7 +21,7 @@ from sixsps.arrays import Array
 from sixsps.assembly.double_double import ROUNDING, precise_residuals
 from sixsps.assembly.equations import factorise, jacobian, norm, residuals, solve
 from sixsps.assembly.frame import Frame
-from sixsps.assembly.machine_code import entry, exact_part, part
+from sixsps.machine_code import entry, exact_part, part
 
 Complex = NDArray[np.complex128]
 
@@ -250,6 +250,7 @@ def certify_one(legs, low, anchors, near_real, x, y, f, facts, workspace):  # ty
 @entry(
     "void(complex128[:, ::1], float64[:, ::1], float64[:, ::1], float64, complex128[:, ::1], int64[::1],"
     " float64[:, ::1])",
+    "assembly",
     exact=True,
 )
 def certify(legs, low, anchors, near_real, x, kinds, facts):  # type: ignore[no-untyped-def]
@@ -290,7 +291,7 @@ def certified(frame: Frame, legs: Complex, x: Complex) -> tuple[NDArray[np.int64
     return kinds, np.ascontiguousarray(facts[:, 0])
 
 
-@entry("boolean(complex128[:, ::1], float64[::1], boolean[::1])", exact=True)
+@entry("boolean(complex128[:, ::1], float64[::1], boolean[::1])", "assembly", exact=True)
 def all_distinct(x, radii, doubles):  # type: ignore[no-untyped-def]
     """Marks the solutions whose ball may hold one that came before; returns whether there are none.
 

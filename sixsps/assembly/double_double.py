@@ -6,7 +6,7 @@ pairs is right to 2^-102 of its terms' absolute values.
 
 from __future__ import annotations
 
-from sixsps.assembly.machine_code import exact_part
+from sixsps.machine_code import exact_part
 
 ROUNDING = 2.0**-92
 """Bounds the error of `precise_residuals` over the same expressions in absolute values: some hundred

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sixsps.assembly.machine_code import part
+from sixsps.machine_code import part
 
 LEG = 7
 SIZE = 8

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from sixsps.assembly.equations import LEG, SIZE, factorise, jacobian, leg_map, norm, residuals, solve
-from sixsps.assembly.machine_code import entry, part, section
+from sixsps.machine_code import entry, part, section
 
 ARRIVED, STALLED, LOST = 0, 1, 2
 ORDER = 8
@@ -196,7 +196,8 @@ def track_range(start, end, solutions, first, last, settings, out, facts, places
 
 @entry(
     "void(complex128[:, ::1], complex128[:, ::1], complex128[:, ::1], intp, intp,"
-    " UniTuple(float64, 4), complex128[:, ::1], int64[:, ::1], float64[::1])"
+    " UniTuple(float64, 4), complex128[:, ::1], int64[:, ::1], float64[::1])",
+    "assembly",
 )
 def track_paths(start, end, solutions, first, last, settings, out, facts, places):  # type: ignore[no-untyped-def]
     """Follows the solutions first..last from one mechanism to another.

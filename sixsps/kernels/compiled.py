@@ -10,19 +10,18 @@ from __future__ import annotations
 import hashlib
 import sys
 from collections.abc import Callable
-from contextlib import suppress
 from functools import cache, cached_property
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-from numba import njit, types
-from numba.core.caching import FunctionCache
+from numba import types
 
 from sixsps import sources
 from sixsps.arrays import Array
 from sixsps.kernels.emission import constants, host, host_width, samples
 from sixsps.kernels.signatures import Signature
+from sixsps.machine_code import kept
 
 _COMPILERS = ("casadi", "llvmlite")
 REGULAR, DOUBTFUL, MISFIT = 0, 1, 2
@@ -30,10 +29,9 @@ Arrays = tuple[Array, ...]
 # Called as Numba calls them, which is not how Python would.
 _constants: Any = constants
 _samples: Any = samples
-_cache_of: Any = FunctionCache  # untyped in Numba
-
-
-_KERNELS = sources.digest("kernels")
+_KERNELS = sources.digest(
+    "machine_code.py", *(f"kernels/{name}.py" for name in ("compiled", "emission", "graph", "signatures"))
+)
 
 
 @cache
@@ -129,20 +127,9 @@ class Kernel:
         return self._compiled(prepare, types.void(_array(1, False), _array(1, True)))
 
     def _compiled(self, function: Callable[..., Any], signature: Any) -> Callable[..., Any]:
-        # Numba numbers the files of functions of one name, and processes that compile at the same time
-        # would give theirs the same number: every kernel has a name of its own.
         function.__qualname__ = "_".join([*self._name.split(), str(self._width), function.__name__])
 
-        def made(cache: bool) -> Any:
-            return njit(signature, cache=cache, nogil=True, error_model="numpy")(function)
-
-        # No folder to write to, no room, or files that are broken; reading those may raise anything.
-        with suppress(Exception):
-            return made(cache=True)
-        with suppress(Exception):
-            _cache_of(function).flush()
-            return made(cache=True)
-        return made(cache=False)
+        return kept(function, signature)
 
 
 @cache

@@ -20,7 +20,6 @@ import math
 import numpy as np
 
 from sixsps.arrays import LARGEST, Array
-from sixsps.kernels.entries import entry, part
 from sixsps.kernels.pose_equations import (
     REACH,
     curvature,
@@ -34,6 +33,7 @@ from sixsps.kernels.pose_equations import (
     rounding,
     squared_extent,
 )
+from sixsps.machine_code import entry, part
 
 # What becomes of a sample.
 FOUND, IMPOSSIBLE, BLOCKED, FROM_SINGULAR, AT_SINGULAR, LIMIT, INVALID = range(7)

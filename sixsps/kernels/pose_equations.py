@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 
-from sixsps.kernels.entries import part
+from sixsps.machine_code import part
 
 REACH = 0.45
 """The 1/2 of the theorem of Newton and Kantorovich, less room for the rounding of its quantities."""

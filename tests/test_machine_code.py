@@ -11,7 +11,7 @@ from numba.core.caching import CompileResultCacheImpl
 
 from sixsps import sources
 from sixsps.kernels import forward_kinematics as kernels
-from sixsps.kernels.entries import entry, part
+from sixsps.machine_code import entry, part
 
 
 @part
