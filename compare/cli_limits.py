@@ -38,15 +38,16 @@ def check(
     from compare.check import check as run
     from compare.check_report import check_output, json_text, write
     from compare.check_table import table
+    from compare.figure_style import check_suffix
     from compare.figures import available
     from compare.inputs import check_not_input, load_motion
-    from compare.margin_figure import check_figure, write_figure
+    from compare.margin_figure import write_figure
     from compare.progress import reading, watching
     from compare.registry import check_names
     from sixsps.mechanism import Mechanism
 
     check_names([engine])
-    for path, check_path in ((output, check_output), (figure, check_figure)):
+    for path, check_path in ((output, check_output), (figure, check_suffix)):
         if path is not None:
             check_path(path)
             check_not_input(path, mechanism, motion)

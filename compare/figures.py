@@ -8,14 +8,14 @@ from __future__ import annotations
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from compare.figure_style import COLORS, save, styled
 from compare.tolerances import tolerance_of
 from sixsps.arrays import Array
-from sixsps.files import write_atomically
 from sixsps.kinematics import inverse_kinematics
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from compare.comparison import Comparison
 
 FIGURE = "report.svg"
-# Okabe & Ito's colours, told apart with any colour vision.
-_COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
 _MARKERS = ("o", "s", "^", "v", "D", "P", "X")
 _POINTS = 800
 # Of errors on a logarithmic axis.
@@ -61,18 +59,9 @@ def write_figure(comparison: Comparison, mechanism: Mechanism, folder: Path) -> 
     Raises:
         OutputError: it cannot be written.
     """
-    import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    path = folder / FIGURE
-    # Text as text, and the same bytes for the same data.
-    style: dict[Any, Any] = {
-        "svg.fonttype": "none",
-        "svg.hashsalt": "sixsps",
-        "font.size": 9,
-        "axes.grid": True,
-    }
-    with mpl.rc_context(style):
+    with styled():
         figure = Figure(figsize=(10, 4.6))
         places = figure.subplot_mosaic([["view", "forces"], ["view", "errors"]], width_ratios=(1, 1.7))
         figure.subplots_adjust(left=0.02, right=0.83, bottom=0.11, top=0.94, wspace=0.25, hspace=0.1)
@@ -81,9 +70,7 @@ def write_figure(comparison: Comparison, mechanism: Mechanism, folder: Path) -> 
         )
         _draw_forces(places["forces"], comparison)
         _draw_errors(places["errors"], comparison)
-        with write_atomically(path) as temporary:
-            figure.savefig(temporary, format="svg", metadata={"Date": None, "Creator": None})
-    return path
+        return save(figure, folder / FIGURE)
 
 
 def _thinned(samples: int) -> NDArray[np.intp]:
@@ -94,7 +81,7 @@ def _draw_forces(axes: Axes, comparison: Comparison) -> None:
     forces, time = comparison.reference.forces, comparison.motion.time
     shown = _thinned(len(time))
     for leg in range(6):
-        axes.plot(time[shown], forces[shown, leg], color=_COLORS[leg], label=str(leg + 1))
+        axes.plot(time[shown], forces[shown, leg], color=COLORS[leg], label=str(leg + 1))
     axes.legend(title="leg", loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
     axes.set_ylabel("leg force [N]\npositive: pushes")
     axes.tick_params(labelbottom=False)
@@ -115,14 +102,14 @@ def _draw_errors(axes: Axes, comparison: Comparison) -> None:
     for index, outcome in enumerate(comparison.outcomes):
         if outcome.forces is None:
             continue
-        color, marker = _COLORS[index % len(_COLORS)], _MARKERS[index % len(_MARKERS)]
+        color, marker = COLORS[index % len(COLORS)], _MARKERS[index % len(_MARKERS)]
         difference = _relative(np.abs(outcome.forces - stand_in), reference.largest)
         # The largest of every stretch, so that thinning hides no extreme.
         difference = np.maximum.reduceat(difference, starts)
         label = outcome.engine
         wrong = comparison.results["engines"][outcome.engine]["within_tolerance"] is False
         if reference.truth is None and outcome.engine != reference.engine:
-            style = "-" if index < len(_COLORS) else "--"
+            style = "-" if index < len(COLORS) else "--"
             axes.plot(time[starts], difference, color=color, ls=style, lw=1, label=label)
         elif wrong:
             axes.plot(time[starts], difference, color=color, lw=1, zorder=3)

@@ -6,45 +6,19 @@ Needs matplotlib, the extra `figures`.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from compare.check import Check
+from compare.figure_style import COLORS, check_suffix, save, styled
 from sixsps.arrays import Array
-from sixsps.errors import OutputError
-from sixsps.files import write_atomically
 from sixsps.margins import Margin
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# What each format writes of the date and the program, so that the same data make the same bytes.
-_METADATA: dict[str, dict[str, None]] = {
-    ".svg": {"Date": None, "Creator": None},
-    ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
-    ".png": {"Software": None},
-}
-# Okabe & Ito's colours, told apart with any colour vision.
-_COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
 _STRETCHES = 800
-_STYLE: dict[Any, Any] = {
-    # Text as text.
-    "svg.fonttype": "none",
-    "svg.hashsalt": "sixsps",
-    "font.size": 9,
-    "axes.grid": True,
-    "grid.color": "0.9",
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-}
-
-
-def check_figure(path: Path) -> None:
-    """Raises OutputError unless `path` ends in one of the suffixes that can be drawn."""
-    if path.suffix not in _METADATA:
-        raise OutputError("figure", path.suffix or "no suffix", ".svg, .pdf or .png", str(path))
 
 
 def write_figure(found: Check, path: Path) -> None:
@@ -60,13 +34,12 @@ def write_figure(found: Check, path: Path) -> None:
     Raises:
         OutputError: it cannot be written, or has another suffix.
     """
-    import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    check_figure(path)
+    check_suffix(path)
     time, limits = found.motion.time, found.margins.limits
     starts = np.unique(np.linspace(0, len(time) - 1, min(len(time), _STRETCHES)).astype(np.intp))
-    with mpl.rc_context(_STYLE):
+    with styled():
         number = len(limits) + 1
         figure = Figure(figsize=(8, 0.8 + 1.4 * number), layout="constrained")
         places = figure.subplots(number, 1, sharex=True, squeeze=False)[:, 0]
@@ -83,8 +56,7 @@ def write_figure(found: Check, path: Path) -> None:
             places[-1].axvline(t, color="#D55E00", lw=1)
         places[-1].set_xlabel("time [s]")
         figure.suptitle("margins to the limits: positive inside, negative outside", fontsize=9)
-        with write_atomically(path) as temporary:
-            figure.savefig(temporary, format=path.suffix[1:], metadata=_METADATA[path.suffix], dpi=200)
+        save(figure, path)
 
 
 def _draw_margin(axes: Axes, time: Array, margins: Array, margin: Margin) -> None:
@@ -92,7 +64,7 @@ def _draw_margin(axes: Axes, time: Array, margins: Array, margin: Margin) -> Non
     if pairs:
         axes.plot(time, margins.min(axis=1), color="0.3", lw=1)
     else:
-        for leg, color in enumerate(_COLORS):
+        for leg, color in enumerate(COLORS):
             axes.plot(time, margins[:, leg], color=color, lw=1, label=str(leg + 1))
     lowest = float(np.nanmin(margins, initial=0.0))
     axes.axhspan(lowest, 0, color="#D55E00", alpha=0.15, lw=0)

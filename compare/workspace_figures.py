@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compare.figure_style import COLORS, save, styled
 from sixsps.arrays import Array
-from sixsps.files import write_atomically
 from sixsps.workspace.constraints import HALF_TURN
 
 if TYPE_CHECKING:
@@ -21,11 +21,10 @@ if TYPE_CHECKING:
     from sixsps.workspace import Workspace
 
 NAME = "workspace"
-# Okabe & Ito's colours, told apart with any colour vision: one a leg.
-_LEGS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
 _LINES = {"shortest": "--", "longest": "-", "base cone": ":", "platform cone": "-."}
 _OTHERS = {"clearance": "0.0", "singularity": "0.45", "half turn": "0.7"}
 _REACHED, _APART = "#DCE9F2", "#E8E8E8"
+_CHANGES = {"font.size": 8, "axes.grid": False, "axes.spines.top": True, "axes.spines.right": True}
 # Points of a section in each direction.
 _POINTS = 181
 # Pieces of the surface in the view.
@@ -33,12 +32,6 @@ _PIECES = 6000
 _AXES = {
     "translation": ("x [m]", "y [m]", "z [m]"),
     "orientation": ("r_x [rad]", "r_y [rad]", "r_z [rad]"),
-}
-_STYLE: dict[Any, Any] = {
-    # Text as text, and the same bytes for the same data.
-    "svg.fonttype": "none",
-    "svg.hashsalt": "sixsps",
-    "font.size": 8,
 }
 
 
@@ -52,11 +45,9 @@ def write_figures(found: list[Workspace], folder: Path) -> list[Path]:
     Raises:
         OutputError: a file cannot be written.
     """
-    import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    written = []
-    with mpl.rc_context(_STYLE):
+    with styled(_CHANGES):
         figure = Figure(figsize=(15, 4.2 * len(found)), layout="constrained")
         for row, workspace in enumerate(found):
             names: dict[str, Any] = {}
@@ -73,18 +64,14 @@ def write_figures(found: list[Workspace], folder: Path) -> list[Path]:
                 frameon=False,
                 fontsize=7,
             )
-        for suffix, metadata in (("svg", {"Date": None, "Creator": None}), ("png", {"Software": None})):
-            written.append(folder / f"{NAME}.{suffix}")
-            with write_atomically(written[-1]) as temporary:
-                figure.savefig(temporary, format=suffix, metadata=metadata, dpi=150)
-    return written
+        return [save(figure, folder / f"{NAME}.{suffix}", dpi=150) for suffix in ("svg", "png")]
 
 
 def style_of(name: str) -> tuple[str, str]:
     """Returns colour and line style of a limit: the colour is the leg's, the style the kind's."""
     words = name.split(" ", 2)
     if words[0] == "leg":
-        return _LEGS[int(words[1]) - 1], _LINES[words[2]]
+        return COLORS[int(words[1]) - 1], _LINES[words[2]]
     kind = "clearance" if words[0] == "legs" else name
     return _OTHERS[kind], "-"
 

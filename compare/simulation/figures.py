@@ -13,32 +13,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compare.figure_style import COLORS, save, styled
 from compare.simulation.trajectory import Trajectory, rotation_between
 from sixsps.arrays import Array
-from sixsps.files import write_atomically
 from sixsps.mechanism import Mechanism
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Okabe & Ito's colours, told apart with any colour vision.
-_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 _POINTS = 800
 # Where the axis of differences ends when there are none.
 _FLOOR = 1e-18
 # Least range of an axis, of the largest planned value.
 _FLAT = 0.01
-_STYLE: dict[Any, Any] = {
-    # Text as text, and the same bytes for the same data.
-    "svg.fonttype": "none",
-    "svg.hashsalt": "sixsps",
-    "font.size": 9,
-    "axes.grid": True,
-    "grid.color": "0.9",
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-}
 
 
 def write_figures(path: Trajectory, mechanism: Mechanism, folder: Path) -> list[Path]:
@@ -52,16 +39,12 @@ def write_figures(path: Trajectory, mechanism: Mechanism, folder: Path) -> list[
     Raises:
         OutputError: a file cannot be written.
     """
-    import matplotlib as mpl
-
-    written = []
-    with mpl.rc_context(_STYLE):
-        for name, figure in _figures(path, mechanism):
-            for suffix, metadata in (("svg", {"Date": None, "Creator": None}), ("png", {"Software": None})):
-                written.append(folder / f"{name}.{suffix}")
-                with write_atomically(written[-1]) as temporary:
-                    figure.savefig(temporary, format=suffix, metadata=metadata, dpi=200)
-    return written
+    with styled():
+        return [
+            save(figure, folder / f"{name}.{suffix}")
+            for name, figure in _figures(path, mechanism)
+            for suffix in ("svg", "png")
+        ]
 
 
 def _figures(path: Trajectory, mechanism: Mechanism) -> Iterator[tuple[str, Figure]]:
@@ -95,7 +78,7 @@ def _forces(path: Trajectory) -> Figure:
     shown = _thinned(len(path.planned))
     for leg in range(6):
         axes.plot(
-            path.planned.time[shown], path.forces[shown, leg], color=_COLORS[leg], lw=1.4, label=str(leg + 1)
+            path.planned.time[shown], path.forces[shown, leg], color=COLORS[leg], lw=1.4, label=str(leg + 1)
         )
     axes.axhline(0, color="0.4", lw=0.6)
     axes.set_xlabel("time [s]")
@@ -116,15 +99,15 @@ def _compared(path: Trajectory, *quantities: tuple[str, Array, Array]) -> Figure
     for column, (label, planned, simulated) in enumerate(quantities):
         above, below = rows[:, column]
         for axis in range(3):
-            above.plot(time[shown], planned[shown, axis], color=_COLORS[axis], lw=4, alpha=0.35)
-            above.plot(time[shown], simulated[shown, axis], color=_COLORS[axis], lw=1)
+            above.plot(time[shown], planned[shown, axis], color=COLORS[axis], lw=4, alpha=0.35)
+            above.plot(time[shown], simulated[shown, axis], color=COLORS[axis], lw=1)
         _flat(above, planned, simulated)
         _draw_difference(below, time[shown], np.linalg.norm(simulated - planned, axis=1), shown)
         above.set_ylabel(label)
         below.set_ylabel(f"difference {label[label.index('[') :]}")
         below.set_xlabel("time [s]")
         below.margins(x=0)
-    lines = [Line2D([], [], color=_COLORS[axis], label="xyz"[axis]) for axis in range(3)]
+    lines = [Line2D([], [], color=COLORS[axis], label="xyz"[axis]) for axis in range(3)]
     lines += [Line2D([], [], color="0.4", lw=4, alpha=0.5, label="planned")]
     lines += [Line2D([], [], color="0.25", lw=1, label="simulated")]
     figure.legend(handles=lines, loc="outside upper center", ncols=5, frameon=False)
@@ -163,7 +146,7 @@ def _trajectory(path: Trajectory, mechanism: Mechanism) -> Figure:
     shown = _thinned(len(path.planned))
     planned, simulated = path.planned.position[shown], path.state.position[shown]
     _draw_bodies(axes, path, mechanism)
-    axes.plot(*planned.T, color=_COLORS[1], lw=5, alpha=0.5, label="planned path of O1", zorder=5)
+    axes.plot(*planned.T, color=COLORS[1], lw=5, alpha=0.5, label="planned path of O1", zorder=5)
     axes.plot(*simulated.T, color="0.1", lw=1, label="simulated", zorder=6)
     axes.plot(*simulated[:1].T, color="0.1", ls="", marker="o", ms=4, label="start", zorder=6)
     axes.plot(*simulated[-1:].T, color="0.1", ls="", marker="^", ms=5, label="end", zorder=6)
