@@ -11,6 +11,7 @@ import typer
 
 from compare.cli_arguments import Cutoff, Fit, LegType, MechanismName, MotionName
 from sixsps.legs import Legs
+from urdf.options import Loops
 
 if TYPE_CHECKING:
     from sixsps.mechanism import Mechanism
@@ -23,13 +24,6 @@ export = typer.Typer(
 DescriptionPath = Annotated[
     Path, typer.Option("--output", metavar="PATH", help="Folder, or file name of the URDF, MJCF or SDF.")
 ]
-
-
-class SdfLoops(StrEnum):
-    """What closes the loops in SDF; as `urdf.sdf.Loops`, which is imported only when it is needed."""
-
-    joints = "joints"
-    drake = "drake"
 
 
 class ForceFormat(StrEnum):
@@ -63,16 +57,15 @@ def sdf(
     output: DescriptionPath,
     legs: LegType = Legs.sps,
     loops: Annotated[
-        SdfLoops, typer.Option(help="Close them by ball joints, or by constraints that only Drake reads.")
-    ] = SdfLoops.joints,
+        Loops, typer.Option(help="Close them by ball joints, or by constraints that only Drake reads.")
+    ] = Loops.joints,
 ) -> None:
     """Write SDF. Example: sixsps export sdf wu2012 --output wu2012.sdf."""
     from functools import partial
 
     from urdf.export import export_sdf
-    from urdf.sdf import Loops
 
-    _describe(partial(export_sdf, loops=Loops(loops)), mechanism, output, legs)
+    _describe(partial(export_sdf, loops=loops), mechanism, output, legs)
 
 
 def _describe(

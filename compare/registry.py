@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib import import_module
 from importlib.metadata import PackageNotFoundError, requires, version
-from importlib.util import find_spec
 
 from packaging.requirements import Requirement
 
 from compare.engine import Engine
 from sixsps.errors import EngineUnavailable, UnknownNameError
 from sixsps.legs import Legs
+from urdf import libraries
 
 
 @dataclass(frozen=True)
@@ -170,19 +169,14 @@ def load_entry(name: str, entry: Entry) -> type[Engine]:
     wrong = _wrong_version(entry.package)
     if wrong:
         raise EngineUnavailable(name, wrong, entry.extra)
-    try:
-        import_module(entry.library)
-    except Exception as error:  # a broken installation may raise anything
-        reason = f"package {entry.package} does not import: {type(error).__name__}: {error}"
-        raise EngineUnavailable(name, reason, broken=True) from error
-    engine: type[Engine] = getattr(import_module(entry.module), entry.attribute)
+    module = libraries.import_user(entry.module, name, entry.library, entry.package)
+    engine: type[Engine] = getattr(module, entry.attribute)
     return engine
 
 
 def check_installed(name: str, entry: Entry) -> None:
     """Raises EngineUnavailable where an engine's library is not there; imports nothing."""
-    if find_spec(entry.library) is None:
-        raise EngineUnavailable(name, f"package {entry.package} is not installed", entry.extra)
+    libraries.check_installed(name, entry.library, entry.package, entry.extra)
 
 
 def _wrong_version(package: str) -> str:

@@ -1,6 +1,8 @@
 """The hexapod for users of Pinocchio: maps, closures and forces against laws and other derivations."""
 
+import copy
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
@@ -70,7 +72,7 @@ class TestModel:
         np.testing.assert_allclose(strokes.T + lengths[:, None], wu2012.length_limits, rtol=4 * EPS)
         assert (model.lowerEffortLimit[hexapod.actuator_v] == -200).all()
         assert (model.upperEffortLimit[hexapod.actuator_v] == 150).all()
-        assert (model.lowerVelocityLimit[hexapod.actuator_v] == -0.4).all()
+        assert np.array_equal(model.lowerVelocityLimit, -model.upperVelocityLimit)
         assert (model.upperVelocityLimit[hexapod.actuator_v] == 0.4).all()
         assert np.array_equal(model.gravity.linear, wu2012.gravity)
         assert not model.gravity.angular.any()
@@ -83,6 +85,24 @@ class TestModel:
         assert (model.upperEffortLimit == largest).all()
         assert (model.lowerEffortLimit == -largest).all()
         assert (model.upperVelocityLimit == largest).all()
+        assert (model.lowerVelocityLimit == -largest).all()
+
+    def test_only_strokes_limit_positions(self, wu2012):
+        """Quaternions too have no limits, which solvers would take for those of angles."""
+        hexapod = urdf.load_pinocchio(wu2012)
+        largest = np.finfo(float).max
+        others = np.delete(np.arange(hexapod.model.nq), hexapod.actuator_q)
+        assert (hexapod.model.lowerPositionLimit[others] == -largest).all()
+        assert (hexapod.model.upperPositionLimit[others] == largest).all()
+
+    def test_pickle_and_copy_build_it_anew(self, case):
+        mechanism, hexapod, motion = case
+        q, v, a = coordinates(hexapod, motion, 0)
+        expected = hexapod.actuator_forces(q, v, a)
+        for again in (pickle.loads(pickle.dumps(hexapod)), copy.deepcopy(hexapod), copy.copy(hexapod)):
+            assert again.data is not hexapod.data
+            assert again.mechanism.name == mechanism.name
+            assert np.array_equal(again.actuator_forces(q, v, a).forces, expected.forces)
 
     def test_carries_the_numbers_exactly(self, case):
         mechanism, hexapod, _ = case

@@ -11,13 +11,13 @@ from typer.testing import CliRunner
 
 import sixsps
 from compare.cli import app
-from sixsps.errors import MechanismError
+from sixsps.errors import InputError, MechanismError
 from sixsps.home import home_position
 from sixsps.legs import Legs
 from sixsps.limits import Limits
 from sixsps.mechanism import Mechanism
-from urdf import render_sdf
-from urdf.sdf import Loops
+from urdf import render_mjcf, render_sdf, render_urdf
+from urdf.options import Loops
 
 LEGS = range(1, 7)
 EPS = np.finfo(float).eps
@@ -148,6 +148,20 @@ class TestText:
         root = ET.fromstring(render_sdf(dataclasses.replace(wu2012, name=name)))
         assert root.find("world/model").get("name") == model
         assert root.find(".//script") is None
+
+    def test_options_by_their_text(self, wu2012):
+        assert render_sdf(wu2012, "ups", "drake") == render_sdf(wu2012, Legs.ups, Loops.drake)
+        assert render_sdf(wu2012, "sps", "joints") == render_sdf(wu2012)
+        for render in (render_urdf, render_mjcf, render_sdf):
+            assert render(wu2012, "sps") == render(wu2012, Legs.sps)
+
+    def test_unknown_options_are_refused(self, wu2012):
+        with pytest.raises(InputError, match=r"^loops: welds; allowed: joints or drake$"):
+            render_sdf(wu2012, loops="welds")
+        for render in (render_urdf, render_mjcf, render_sdf):
+            for legs in ("rrr", None, "UPS"):
+                with pytest.raises(InputError, match=rf"^legs: {legs}; allowed: sps or ups$"):
+                    render(wu2012, legs)
 
     def test_geometry_alone_has_no_bodies(self):
         with pytest.raises(MechanismError, match=r"^gravity: missing"):

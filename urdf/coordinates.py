@@ -25,13 +25,11 @@ from sixsps.mechanism import Mechanism
 from sixsps.pose import Pose
 from sixsps.rotation import cross
 from sixsps.singularity import SINGULAR_CONDITION
+from urdf.closure_rates import GAP, Ends
 from urdf.layout import Layout
 from urdf.platform_state import PlatformState
 
 NQ, NV = 37, 30
-# Coordinates whose loops gape further, relative to the leg, or whose quaternions are further off unit length
-# are of no hexapod. An integrator leaves less.
-_GAP = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,17 +154,33 @@ class Coordinates:
             acceleration: (6,) acceleration of O1 [m/s^2] and angular acceleration [rad/s^2], world axes.
 
         Raises:
-            MotionError: a shape differs, an entry is not finite, or the loops of q are open.
+            MotionError: a shape differs, an entry is not finite, the loops of q are open, or v opens them.
         """
         linear, epsilon = np.split(frozen(acceleration, (6,), "acceleration", MotionError), 2)
         v = frozen(v, (NV,), "v", MotionError)
         rotation, legs, axes = self._closed(q)
+        Ends(rotation, legs.arms, axes, legs.lengths).velocities(v).check("v", "m/s", "velocity")
         a = np.empty(NV)
         a[:3], a[3:6] = linear @ rotation - np.cross(v[3:6], v[:3]), epsilon @ rotation
         twist = rotation @ v[:3], rotation @ v[3:6]
         rates, turning = legs.accelerations(twist, (linear, epsilon), v[8::4])
         a[6:] = np.column_stack([np.einsum("kji,kj->ki", axes, turning), rates]).ravel()
         return a
+
+    def check_closed(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> None:
+        """Refuses what is no motion of the closed chain, up to 1e-6 of what moves.
+
+        Args:
+            q: (37,).
+            v: (30,).
+            a: (30,).
+
+        Raises:
+            MotionError: a shape differs, an entry is not finite, the loops of q are open, v opens them
+                (Jc v is not 0), or a does at this v (Jc a + Jc' v is not 0).
+        """
+        v, a = frozen(v, (NV,), "v", MotionError), frozen(a, (NV,), "a", MotionError)
+        self._closed_legs(q, v, a)
 
     def platform_state(
         self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None
@@ -203,12 +217,20 @@ class Coordinates:
         pose = self._pose(self._checked(q))
         return self._legs(pose.position, pose.rotation)
 
+    def _closed_legs(self, q: ArrayLike, v: Array, a: Array) -> LegGeometry:
+        """Returns the legs of a motion of the closed chain, see `check_closed`."""
+        rotation, legs, axes = self._closed(q)
+        ends = Ends(rotation, legs.arms, axes, legs.lengths)
+        ends.velocities(v).check("v", "m/s", "velocity")
+        ends.accelerations(v, a).check("a", "m/s^2", "acceleration")
+        return legs
+
     @staticmethod
     def _checked(q: ArrayLike) -> Array:
         q = frozen(q, (NQ,), "q", MotionError)
         lengths = np.linalg.norm([q[3:7], *q[7:].reshape(6, 5)[:, :4]], axis=1)
         worst = int(np.argmax(np.abs(lengths - 1)))
-        if abs(lengths[worst] - 1) > _GAP:
+        if abs(lengths[worst] - 1) > GAP:
             whose = f"leg {worst}" if worst else "the platform"
             found = f"a quaternion of length {lengths[worst]:.9g}, of {whose}"
             raise MotionError("q", found, "unit length, as pinocchio.normalize makes it")
@@ -239,8 +261,8 @@ class Coordinates:
         tips = lengths[:, None] * axes[:, :, 2]
         gaps = np.linalg.norm(tips - legs.lengths[:, None] * legs.directions, axis=1)
         leg = int(np.argmax(gaps / legs.lengths))
-        if not gaps[leg] <= _GAP * legs.lengths[leg]:
-            allowed = f"loops closed to {_GAP:g} of the leg, as those of `configuration`"
+        if not gaps[leg] <= GAP * legs.lengths[leg]:
+            allowed = f"loops closed to {GAP:g} of the leg, as those of `configuration`"
             raise MotionError("q", f"the loop of leg {leg + 1} is open by {gaps[leg]:.3g} m", allowed)
         return pose.rotation, legs, axes
 

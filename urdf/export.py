@@ -14,8 +14,9 @@ from sixsps.mechanism import Mechanism
 from urdf.closures import render_closures
 from urdf.mjcf import render_mjcf
 from urdf.names import file_stem
+from urdf.options import Loops
 from urdf.render import render_urdf
-from urdf.sdf import Loops, render_sdf
+from urdf.sdf import render_sdf
 
 
 def export_urdf(mechanism: Mechanism, output: Path, legs: Legs = Legs.sps) -> list[Path]:
@@ -31,6 +32,7 @@ def export_urdf(mechanism: Mechanism, output: Path, legs: Legs = Legs.sps) -> li
         Paths of the URDF, the closure YAML and the MJCF.
 
     Raises:
+        InputError: `legs` is none.
         MechanismError: the mechanism is geometry alone.
         OutputError: `output` cannot be written, or a mechanism file has the name of the closure YAML.
     """

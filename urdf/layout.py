@@ -82,6 +82,24 @@ def first_axes(mechanism: Mechanism) -> Array:
     )
 
 
+def strength(mechanism: Mechanism, leg: int) -> dict[str, float]:
+    """Returns what an actuator can do, as far as the mechanism says, for formats whose limits are symmetric.
+
+    Args:
+        mechanism: its `limits`.
+        leg: 0 to 5.
+
+    Returns:
+        "effort", the larger magnitude of its force limits [N], and "velocity" [m/s].
+    """
+    limits, found = mechanism.limits, {}
+    if limits.force is not None:
+        found["effort"] = float(np.abs(limits.force[leg]).max())
+    if limits.rate is not None:
+        found["velocity"] = float(limits.rate[leg])
+    return found
+
+
 def provenance(mechanism: Mechanism) -> str:
     """Returns what an exported file says of its numbers, fit for an XML comment."""
     lines = [f"Given by: {mechanism.source}"] if mechanism.source else []

@@ -21,6 +21,7 @@ from sixsps.legs import Legs
 from sixsps.mechanism import Mechanism
 from urdf.closures import CLOSURES, LEGS
 from urdf.layout import LOWER_RADIUS, UPPER_RADIUS, Disc, Layout, LegLayout, provenance
+from urdf.options import option
 
 # Of the base, relative to the platform's mass; it weighs nothing in any force.
 _BASE_MASS = 1e-6
@@ -34,7 +35,11 @@ def render_mjcf(mechanism: Mechanism, legs: Legs = Legs.sps) -> str:
         mechanism: geometry and inertia.
         legs: a ball at the base, or a universal joint: first axis along x of the leg's home frame,
             fixed in the base, second along y.
+
+    Raises:
+        InputError: `legs` is neither.
     """
+    legs = option(Legs, "legs", legs)
     layout = Layout.of(mechanism)
     root = ET.Element("mujoco", model=mechanism.name)
     root.append(ET.Comment(provenance(mechanism)))
@@ -56,7 +61,8 @@ def render_mjcf(mechanism: Mechanism, legs: Legs = Legs.sps) -> str:
             quat=_quaternion(place.pitch, place.yaw),
         )  # fmt: skip
         _base_joint(lower, f"leg{i}", legs)
-        _leg(lower, f"leg{i}", leg, place)
+        force = None if mechanism.limits.force is None else mechanism.limits.force[i - 1]
+        _leg(lower, f"leg{i}", leg, place, force)
     _platform(base, mechanism, layout)
     _closures(root)
     _actuators(root)
@@ -80,15 +86,17 @@ def _base_joint(lower: ET.Element, name: str, legs: Legs) -> None:
         ET.SubElement(lower, "joint", name=f"{name}_universal_{axis}", type="hinge", axis=_text(direction))
 
 
-def _leg(lower: ET.Element, name: str, leg: Leg, place: LegLayout) -> None:
+def _leg(lower: ET.Element, name: str, leg: Leg, place: LegLayout, force: Array | None) -> None:
     _link(lower, leg.lower, 1.0, LOWER_RADIUS, "blue")
     upper = ET.SubElement(lower, "body", name=f"{name}_upper", pos=_text((0, 0, place.length)))
     shortest, longest = (limit - place.length for limit in leg.length_limits)
-    # The range is shown by viewers and must not push: a limit never changes a number here.
-    ET.SubElement(
+    # Ranges are for readers and must neither push nor clamp: a limit never changes a number here.
+    joint = ET.SubElement(
         upper, "joint", name=f"{name}_actuator", type="slide", axis="0 0 1", limited="false",
         range=_text((shortest, longest)),
     )  # fmt: skip
+    if force is not None:
+        joint.attrib |= {"actuatorfrclimited": "false", "actuatorfrcrange": _text(force)}
     _link(upper, leg.upper, -1.0, UPPER_RADIUS, "steel")
     ET.SubElement(upper, "site", name=f"{name}_tip", pos="0 0 0")
 

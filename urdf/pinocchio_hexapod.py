@@ -1,5 +1,7 @@
 """The hexapod for users of Pinocchio: model, data, closures, and what actuators must do.
 
+Pinocchio is imported in the functions that need it, so that the names are there without it.
+
 The maps between platform and (q, v, a) are closed forms of the legs' geometry, not of Pinocchio's
 Jacobians: that they obey the closures, Jc v = 0 and Jc a + Jc' v = 0, checks both.
 """
@@ -10,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg.lapack import dgels
 
@@ -19,8 +20,8 @@ from sixsps.errors import EngineError, MotionError
 from sixsps.mechanism import Mechanism
 from sixsps.singularity import SINGULAR_CONDITION, condition_numbers
 from urdf.closures import CLOSURES
-from urdf.coordinates import NV, Coordinates
-from urdf.pinocchio_model import build_closures, build_model
+from urdf.coordinates import NV, Coordinates, LegGeometry
+from urdf.libraries import check_installed, import_user
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,8 @@ class ActuatorForces:
 class PinocchioHexapod(Coordinates):
     """A hexapod in Pinocchio, see `urdf.coordinates` for q, v and a.
 
-    `data` and `constraint_datas` are work space that `actuator_forces` overwrites: one object a thread.
+    `data` and `constraint_datas` are work space that `actuator_forces` overwrites: one object a thread. What
+    copy and pickle give back is built anew from the mechanism, without what was added to the model.
 
     Attributes:
         model: the open tree, `pinocchio.Model`, see `urdf.pinocchio_model`; gravity is the mechanism's, and
@@ -65,6 +67,10 @@ class PinocchioHexapod(Coordinates):
     actuator_q: NDArray[np.intp]
     actuator_v: NDArray[np.intp]
 
+    def __reduce__(self) -> tuple[Any, tuple[Mechanism]]:
+        # Pinocchio's vectors of constraints refuse to be pickled.
+        return load_pinocchio, (self.mechanism,)
+
     def external_forces(self, q: ArrayLike, force: ArrayLike, moment: ArrayLike = (0, 0, 0)) -> Any:
         """Returns what `pinocchio.rnea` takes as external forces, for a wrench on the platform.
 
@@ -79,6 +85,8 @@ class PinocchioHexapod(Coordinates):
         Raises:
             MotionError: a shape differs, or an entry is not finite.
         """
+        import pinocchio as pin
+
         R = self.platform_state(q).rotation
         f = frozen(force, (3,), "force", MotionError) @ R
         m = frozen(moment, (3,), "moment", MotionError) @ R
@@ -98,16 +106,19 @@ class PinocchioHexapod(Coordinates):
 
         Args:
             q: (37,) with closed loops, as of `configuration`.
-            v: (30,) as of `velocity`; zeros at rest.
-            a: (30,) as of `acceleration`; zeros at rest.
+            v: (30,) that keeps them closed, as of `velocity`; zeros at rest.
+            a: (30,) that keeps them closed at v, as of `acceleration`; zeros at rest.
             external: as `pinocchio.rnea` takes it, see `external_forces`; none by default.
 
         Raises:
-            MotionError: a shape differs, an entry is not finite, or the loops of q are open.
+            MotionError: a shape differs, an entry is not finite, or q, v and a do not keep the loops closed,
+                see `check_closed`.
             EngineError: the solve failed.
         """
-        condition = self._condition(q)
+        import pinocchio as pin
+
         q, v, a = self._checked(q), frozen(v, (NV,), "v", MotionError), frozen(a, (NV,), "a", MotionError)
+        condition = self._condition(self._closed_legs(q, v, a))
         model, data = self.model, self.data
         tau = pin.rnea(model, data, q, v, a, *([] if external is None else [external]))
         matrix = np.zeros((NV, 24))
@@ -133,6 +144,8 @@ class PinocchioHexapod(Coordinates):
         Raises:
             MotionError: the shape differs, an entry is not finite, or a quaternion is not of unit length.
         """
+        import pinocchio as pin
+
         model, data = self.model, self.data
         pin.computeJointJacobians(model, data, self._checked(q))
         for closure, closure_data in zip(self.constraint_models, self.constraint_datas, strict=True):
@@ -140,8 +153,7 @@ class PinocchioHexapod(Coordinates):
         jacobian = pin.getConstraintsJacobian(model, data, self.constraint_models, self.constraint_datas)
         return np.asarray(jacobian)
 
-    def _condition(self, q: ArrayLike) -> float:
-        _, legs, _ = self._closed(q)
+    def _condition(self, legs: LegGeometry) -> float:
         length = self.mechanism.characteristic_length
         return float(condition_numbers(legs.jacobian[None], legs.lengths[None], length)[0])
 
@@ -160,8 +172,15 @@ def load_pinocchio(mechanism: Mechanism) -> PinocchioHexapod:
         mechanism: geometry and inertia.
 
     Raises:
+        EngineUnavailable: Pinocchio is missing or broken.
         MechanismError: the mechanism is geometry alone.
     """
+    check_installed("pinocchio", "pinocchio", "pin")
+    import_user("urdf.pinocchio_model", "pinocchio", "pinocchio", "pin")
+    import pinocchio as pin
+
+    from urdf.pinocchio_model import build_closures, build_model
+
     model = build_model(mechanism)
     closures = build_closures(model)
     closure_datas = pin.StdVec_RigidConstraintData()

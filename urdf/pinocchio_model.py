@@ -24,12 +24,15 @@ from sixsps.mechanism import Mechanism
 from urdf.closures import CLOSURES, LEGS
 from urdf.coordinates import Coordinates
 
+_POINT = pin.ContactType.CONTACT_3D
+
 
 def build_model(mechanism: Mechanism) -> Any:
     """Returns the open tree (`pinocchio.Model`, 37 coordinates, 30 velocities) with the mechanism's gravity.
 
     Frames `leg<i>_tip` and `platform_anchor<i>` coincide where a loop closes. Limits are those of the
-    mechanism: lengths as position limits of the actuators, and forces and rates where it has them.
+    mechanism: lengths as position limits of the actuators, and forces and rates where it has them. All else
+    has none, which to Pinocchio is the largest number either way.
 
     Raises:
         MechanismError: the mechanism is geometry alone.
@@ -46,6 +49,8 @@ def build_model(mechanism: Mechanism) -> Any:
         _add_point(model, joint, name, anchor)
     for i in LEGS:
         _add_leg(model, i, coordinates)
+    # Pinocchio's joints without limits come with the largest velocity as the least one too.
+    model.lowerVelocityLimit[:] = -model.upperVelocityLimit
     model.referenceConfigurations["home"] = pin.neutral(model)
     return model
 
@@ -62,7 +67,7 @@ def build_closures(model: Any) -> Any:
         for name in pair:
             frame = model.frames[model.getFrameId(name)]
             ends += [frame.parentJoint, frame.placement]
-        closures.append(pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, model, *ends))
+        closures.append(pin.RigidConstraintModel(_POINT, model, *ends))
     return closures
 
 
@@ -87,7 +92,7 @@ def _set_limits(model: Any, joint: Any, strokes: list[float], i: int, limits: Li
     if limits.force is not None:
         model.lowerEffortLimit[v], model.upperEffortLimit[v] = limits.force[i - 1]
     if limits.rate is not None:
-        model.lowerVelocityLimit[v], model.upperVelocityLimit[v] = -limits.rate[i - 1], limits.rate[i - 1]
+        model.upperVelocityLimit[v] = limits.rate[i - 1]  # the lower one: see `build_model`
 
 
 def _inertia(link: Link, sense: float) -> Any:

@@ -12,9 +12,10 @@ import xacro
 from sixsps.bodies import Leg, Link
 from sixsps.legs import Legs
 from sixsps.mechanism import Mechanism
-from urdf.layout import LOWER_RADIUS, UPPER_RADIUS, Disc, Layout, LegLayout, provenance
+from urdf.layout import LOWER_RADIUS, UPPER_RADIUS, Disc, Layout, LegLayout, provenance, strength
+from urdf.options import option
 
-# URDF demands an effort and a velocity limit of every joint; the mechanism has none to give.
+# URDF demands an effort and a velocity limit of every joint, and the mechanism need not have one.
 _NO_LIMIT = "1e9"
 
 
@@ -28,7 +29,11 @@ def render_urdf(mechanism: Mechanism, legs: Legs = Legs.sps) -> str:
         mechanism: geometry and inertia.
         legs: a ball at the base, or a universal joint: first axis along x of the leg's home frame,
             fixed in the base, second along y.
+
+    Raises:
+        InputError: `legs` is neither.
     """
+    legs = option(Legs, "legs", legs)
     template = resources.files("urdf") / "six_sps.urdf.xacro"
     with resources.as_file(template) as path:
         document = xacro.process_file(str(path), mappings=_arguments(mechanism, legs))
@@ -54,6 +59,9 @@ def _arguments(mechanism: Mechanism, legs: Legs) -> dict[str, str]:
         arguments[f"leg{i + 1}_anchor"] = _text(mechanism.base_anchors[i])
         arguments[f"platform_anchor{i + 1}"] = _text(mechanism.platform_anchors[i])
         arguments |= _leg(f"leg{i + 1}", leg, place)
+        actuator = strength(mechanism, i)
+        for name in ("effort", "velocity"):
+            arguments[f"leg{i + 1}_{name}"] = repr(actuator[name]) if name in actuator else _NO_LIMIT
     return arguments
 
 

@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
-from enum import StrEnum
 
 import numpy as np
 
@@ -25,21 +24,15 @@ from sixsps.errors import printable
 from sixsps.legs import Legs
 from sixsps.mechanism import Mechanism
 from urdf.closures import LEGS
-from urdf.layout import LOWER_RADIUS, UPPER_RADIUS, Disc, Layout, LegLayout, provenance
+from urdf.layout import LOWER_RADIUS, UPPER_RADIUS, Disc, Layout, LegLayout, provenance, strength
 from urdf.names import comment, file_stem
+from urdf.options import Loops, option
 
 _VERSION = "1.6"
 # Of the base, relative to the platform's mass. It never moves; without inertia readers would give it 1 kg.
 _BASE_MASS = 1e-6
 _ORIGIN = (0.0, 0.0, 0.0)
 _COLORS = {"steel": "0.65 0.68 0.72 1", "blue": "0.13 0.35 0.60 1", "orange": "0.90 0.55 0.15 1"}
-
-
-class Loops(StrEnum):
-    """What closes the loops: SDF's own ball joints, or the ball constraints that Drake adds to SDF."""
-
-    joints = "joints"
-    drake = "drake"
 
 
 def render_sdf(mechanism: Mechanism, legs: Legs = Legs.sps, loops: Loops = Loops.joints) -> str:
@@ -55,8 +48,10 @@ def render_sdf(mechanism: Mechanism, legs: Legs = Legs.sps, loops: Loops = Loops
         loops: what closes them.
 
     Raises:
+        InputError: `legs` or `loops` is none of theirs.
         MechanismError: the mechanism is geometry alone.
     """
+    legs, loops = option(Legs, "legs", legs), option(Loops, "loops", loops)
     gravity = _text(mechanism.gravity)
     layout = Layout.of(mechanism)
     root = ET.Element("sdf", version=_VERSION)
@@ -106,22 +101,12 @@ def _leg(model: ET.Element, i: int, mechanism: Mechanism, place: LegLayout, legs
             _limits(_axis(universal, tag, direction), effort=0.0)  # no motor turns it
     actuator = _joint(model, f"{name}_actuator", "prismatic", f"{name}_lower", f"{name}_upper")
     shortest, longest = (length - place.length for length in leg.length_limits)
-    _limits(_axis(actuator, "axis", (0, 0, 1)), lower=shortest, upper=longest, **_strength(mechanism, i))
+    _limits(_axis(actuator, "axis", (0, 0, 1)), lower=shortest, upper=longest, **strength(mechanism, i - 1))
 
 
 def _direction(place: LegLayout) -> Array:
     sine = math.sin(place.pitch)
     return np.array([math.cos(place.yaw) * sine, math.sin(place.yaw) * sine, math.cos(place.pitch)])
-
-
-def _strength(mechanism: Mechanism, i: int) -> dict[str, float]:
-    """Returns what the actuator can do, where the mechanism says so; SDF's limits are the same both ways."""
-    limits, strength = mechanism.limits, {}
-    if limits.force is not None:
-        strength["effort"] = float(np.abs(limits.force[i - 1]).max())
-    if limits.rate is not None:
-        strength["velocity"] = float(limits.rate[i - 1])
-    return strength
 
 
 def _platform(model: ET.Element, mechanism: Mechanism, layout: Layout) -> None:

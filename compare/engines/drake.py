@@ -194,14 +194,21 @@ class _UniversalTree(_Tree):
         return np.column_stack([np.arctan2(-y, z), np.arctan2(x, across)])
 
 
+# Of the MJCF: what the actuators can do, which is no part of inverse dynamics.
+_UNKNOWN_ATTRIBUTES = ("actuatorfrclimited", "actuatorfrcrange")
+
+
 def _parse(text: str, kind: str, unknown: Callable[[ET.Element], bool], discrete: bool) -> Any:
-    """Returns the plant that Drake's parser makes of a description less its `unknown` elements."""
+    """Returns the plant that Drake's parser makes of a description less what is unknown to it."""
     root = ET.fromstring(text)  # noqa: S314  written by this project
     # The mechanism may have any name, and some end the process: Drake aborts on "::".
     root.set({"xml": "model", "urdf": "name"}[kind], "hexapod")
     for parent in list(root.iter()):
         for child in [child for child in parent if unknown(child)]:
             parent.remove(child)
+    for element in root.iter():
+        for attribute in _UNKNOWN_ATTRIBUTES:
+            element.attrib.pop(attribute, None)
     plant = MultibodyPlant(_TIME_STEP if discrete else 0.0)
     parser = Parser(plant)
     parser.SetStrictParsing()
