@@ -108,6 +108,7 @@ def compare(
     if traps and legs is Legs.ups:
         raise InputError("--traps", "with --legs ups", "with --legs sps")
     hexapod = Mechanism.load(mechanism)
+    hexapod.check_inertia()
     with reading():
         sampled = load_motion(motion, hexapod, samples=samples, cutoff=cutoff, fit=fit)
         aboard = None if cargo is None else cargo.aboard(hexapod, sampled)
@@ -171,10 +172,12 @@ def forces(
     check_not_input(output, *(str(name) for name in inputs if name is not None))
     cargo = open_cargo(payload, payload_motion, payload_mount)
     hexapod = Mechanism.load(mechanism)
+    hexapod.check_inertia()
     with reading():
-        hexapod, motions = open_motions_aboard(
+        hexapod, motions, warnings = open_motions_aboard(
             cargo, motion, hexapod, samples=samples, cutoff=cutoff, fit=fit
         )
+    _warn(warnings)
     with watching(motions.samples) as watch:
         singular = stream(motions, forces_calculation(name, hexapod, reactions), output, watch)
     _warn(singular.lines())

@@ -273,4 +273,4 @@ def _escaped(text: str) -> str:
 
 def _code(text: str) -> str:
     """Returns text that is safe between single backticks."""
-    return text.replace("`", "'").replace("|", "\\|")
+    return printable(text).replace("`", "'").replace("|", "\\|")

@@ -148,11 +148,13 @@ def _payload_lines(payload: dict[str, Any] | None) -> list[str]:
     what = f"payload: {printable(payload['name'])}, {payload['mass_kg']:.4g} kg"
     if payload["kind"] == "rigid body":
         return [f"{what}, a rigid body that is part of the platform"]
+    warnings = [f"payload: {printable(warning)}" for warning in payload["warnings"]]
     force, moment = number(payload["largest_force_N"]), number(payload["largest_moment_Nm"])
     moving = f"{counted(payload['joints'], 'joint')}: {printable(payload['motion']['name'])}"
     return [
         f"{what}, {moving}; its wrench on the platform, up to {force} N and {moment} N m, "
-        "is part of the external wrench"
+        "is part of the external wrench",
+        *warnings,
     ]
 
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sixsps.arrays import Array, frozen
 from sixsps.bodies import Platform
-from sixsps.errors import MechanismError
+from sixsps.errors import MechanismError, MotionError
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
 
@@ -60,6 +62,22 @@ class Payload:
         if principal[2] > (principal[0] + principal[1]) * (1 + _ROUNDING):
             raise MechanismError("inertia", found, "no principal moment larger than the sum of the other two")
 
+    def __reduce__(self) -> tuple[Callable[..., Payload], tuple[Any, ...]]:
+        """Pickles such that what comes back is frozen again."""
+        return Payload, self._values()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Payload) and self._plain() == other._plain()
+
+    def __hash__(self) -> int:
+        return hash(self._plain())
+
+    def _values(self) -> tuple[float, Array, Array, str]:
+        return self.mass, self.com, self.inertia, self.name
+
+    def _plain(self) -> tuple[Any, ...]:
+        return self.mass, tuple(self.com.tolist()), tuple(self.inertia.ravel().tolist()), self.name
+
     @classmethod
     def load(cls, path: str | Path) -> Payload:
         """Reads a YAML file with the keys mass, com and inertia of a mechanism file's platform.
@@ -86,8 +104,11 @@ def attached(mechanism: Mechanism, payload: Payload) -> Mechanism:
         payload: in the platform frame.
 
     Raises:
-        MechanismError: the mechanism is geometry alone.
+        MechanismError: the mechanism is geometry alone, `payload` is no payload, or both together are
+            beyond any number of a hexapod.
     """
+    if not isinstance(payload, Payload):
+        raise MechanismError("payload", payload, "a sixsps.Payload")
     mechanism.check_inertia()
     platform = mechanism.platform
     mass = platform.mass + payload.mass
@@ -107,7 +128,10 @@ def shifted_wrench(motion: Motion, before: ArrayLike, after: ArrayLike) -> Motio
         motion: n samples, its moment about the point `before`.
         before: (3,) point of the platform at which the force acts, platform frame [m].
         after: (3,) point at which the force of the result acts, platform frame [m].
+
+    Raises:
+        MotionError: a point is not three finite numbers.
     """
-    arm = np.asarray(before, dtype=np.float64) - np.asarray(after, dtype=np.float64)
+    arm = frozen(before, (3,), "before", MotionError) - frozen(after, (3,), "after", MotionError)
     moment = motion.moment + np.cross(motion.rotation @ arm, motion.force)
     return replace(motion, moment=moment)

@@ -1,5 +1,6 @@
 """A rigid payload: as part of the platform, and against what it exerts on one that is without it."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from texts import BENCH
 
 import sixsps
 from compare.metrics import loads, scales
-from sixsps.errors import MechanismError
+from sixsps.errors import MechanismError, MotionError
 from sixsps.formulations import FORMULATIONS
 from sixsps.payload import Payload, attached, shifted_wrench
 
@@ -150,3 +151,30 @@ def test_payload_of_a_compiled_mechanism():
     compiled = sixsps.compile(carrying).inverse_dynamics(shifted)
     growth = sixsps.inverse_kinematics(BENCH, motion).error_growth.max()
     assert_allclose(compiled, forces, rtol=0, atol=ROUNDING * growth * np.abs(forces).max())
+
+
+def test_equal_payloads_are_equal_and_stay_frozen_in_a_pickle():
+    payload = random_payload(BENCH, 6)
+    again = pickle.loads(pickle.dumps(payload))
+    assert again == payload
+    assert hash(again) == hash(payload)
+    for array in (again.com, again.inertia):
+        assert not array.flags.writeable
+    for change in ({"mass": 2 * payload.mass}, {"com": payload.com + 1}, {"name": "other"}):
+        assert replace(payload, **change) != payload
+    assert payload != 3.0
+
+
+@pytest.mark.parametrize("point", [[1, 2], 1.0, np.zeros((4, 3)), [np.nan] * 3, None], ids=str)
+def test_points_that_are_none(point):
+    motion = random_motion(BENCH, 1)
+    with pytest.raises(MotionError, match=r"^before"):
+        shifted_wrench(motion, point, np.zeros(3))
+    with pytest.raises(MotionError, match=r"^after"):
+        shifted_wrench(motion, np.zeros(3), point)
+
+
+@pytest.mark.parametrize("payload", [None, 3.0, BENCH], ids=["nothing", "number", "mechanism"])
+def test_only_payloads_are_attached(payload):
+    with pytest.raises(MechanismError, match=r"^payload: .*; allowed: a sixsps\.Payload"):
+        attached(BENCH, payload)

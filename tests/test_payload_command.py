@@ -85,6 +85,28 @@ class TestRigid:
         assert "## Payload\n\nThe payload and the platform are one rigid body" in report
         assert "- Payload `tool`, 3 kg, a rigid body, SHA-256" in report
 
+    def test_names_of_files_are_shown_as_they_are(self, folder):
+        (folder / "new\nline\x1b[31m`.yaml").write_text(TOOL)
+        arguments = ("--samples", 5, "--payload", "new\nline\x1b[31m`.yaml", "--engine", "kane")
+        assert command("compare", "wu2012", "line", *arguments) == 0
+        report = (folder / "report" / "report.md").read_text()
+        assert "- Payload `new\\nline\\x1b[31m'`, 3 kg" in report
+        assert "with new\\\\nline\\\\x1b\\[31m\\` aboard\n" in report  # backslashes of Markdown
+        assert "\x1b" not in report
+
+    def test_file_with_another_case(self, folder):
+        (folder / "tool.yaml").rename(folder / "tool.YAML")
+        assert open_cargo(str(folder / "tool.YAML")).payload == Payload.load(folder / "tool.YAML")
+
+
+@pytest.mark.parametrize("name", ["compare", "forces"])
+@pytest.mark.parametrize("options", [[], ["--payload", "tool.yaml"]])
+def test_geometry_alone_is_told_first_and_leaves_nothing(name, options, folder, capfd):
+    before = sorted(folder.rglob("*"))
+    assert command(name, "dietmaier1998", "line", *options, "--output", "out.csv") == 2
+    assert ": platform.mass: missing" in capfd.readouterr().err
+    assert sorted(folder.rglob("*")) == before
+
 
 def test_without_a_payload_nothing_is_said_of_one(wu2012):
     comparison = compare(wu2012, bundled("line", wu2012, 5), ["kane"])
@@ -93,6 +115,43 @@ def test_without_a_payload_nothing_is_said_of_one(wu2012):
 
 @PINOCCHIO
 class TestRobot:
+    def test_wrapped_recording_of_an_endless_joint_is_the_one_that_is_not(self, folder, capfd):
+        (folder / "wheel.urdf").write_text(URDF.replace("prismatic", "continuous"))
+        time = np.linspace(0, 2, 201)
+        angle = 3 * time + 2
+        for name, column in (("plain", angle), ("wrapped", (angle + np.pi) % (2 * np.pi) - np.pi)):
+            put(folder, {"t": time, "q1": column}).rename(folder / f"{name}.csv")
+            options = (
+                "--payload",
+                "wheel.urdf",
+                "--payload-motion",
+                f"{name}.csv",
+                "--output",
+                f"f{name}.csv",
+            )
+            assert command("forces", "wu2012", "sinusoids", "--samples", 50, *options) == 0
+        said = "sixsps: payload: recorded angles jump by whole turns, which were added: q1\n"
+        assert capfd.readouterr().err == said
+        plain = forces_in("fplain.csv")
+        np.testing.assert_allclose(forces_in("fwrapped.csv"), plain, rtol=0, atol=1e-9 * np.abs(plain).max())
+
+    def test_limits_that_are_left_are_told_and_change_nothing(self, folder, capfd):
+        (folder / "arm.urdf").write_text(URDF)
+        (folder / "wide.urdf").write_text(URDF.replace('upper="1"', 'upper="9"'))
+        time = np.linspace(0, 2, 25)
+        put(folder, {"t": time, "lift": time, "dlift": 0 * time + 1, "ddlift": 0 * time})
+        for name in ("arm", "wide"):
+            options = ("--payload", f"{name}.urdf", "--payload-motion", "path.csv", "--samples", 25)
+            assert command("forces", "wu2012", "line", *options, "--output", f"{name}.csv") == 0
+        said = "sixsps: payload: joints leave their limits: lift to 2 m at t = 2 s (0 to 1)\n"
+        assert capfd.readouterr().err == said
+        assert (folder / "arm.csv").read_bytes() == (folder / "wide.csv").read_bytes()
+        options = ("--payload", "arm.urdf", "--payload-motion", "path.csv", "--samples", 25)
+        assert command("compare", "wu2012", "line", *options, "--engine", "kane") == 0
+        shown = "payload: joints leave their limits: lift to 2 m at t = 2 s (0 to 1)"
+        assert shown in " ".join(capfd.readouterr().out.split())
+        assert "joints leave their limits" in (folder / "report" / "report.md").read_text()
+
     def test_comparison_with_the_whole_tree(self, folder, capfd):
         time = np.linspace(-1, 3, 200)
         file = joint_motion(folder, time, [f"q{joint}" for joint in range(1, 10)])
@@ -218,7 +277,12 @@ REFUSED = {
         ["--payload", "nan.urdf"],
         "nan.urdf: payload: Error: Inertial: mass [nan] is not a float; allowed",
     ),
-    "minus": (["--payload", "minus.urdf"], "minus.urdf: payload: a negative mass; allowed"),
+    "minus": (["--payload", "minus.urdf"], "minus.urdf: link base, mass: -1.0; allowed: at least 0 [kg]"),
+    "heavy": (
+        ["--payload", "heavy.urdf"],
+        "heavy.urdf: payload: a wrench beyond 1e+50 N or N m; allowed: a robot and motions that exert less",
+    ),
+    "far": (["--payload", "far.yaml"], "far.yaml: "),
     "floating": (
         ["--payload", "float.urdf"],
         "float.urdf: joint lift: 6 degrees of freedom; allowed: joints of one degree of freedom",
@@ -235,6 +299,8 @@ def test_what_is_refused_in_one_line_with_nothing_written(case, name, folder, ca
     contents["nan"] = URDF.replace('mass value="1"', 'mass value="nan"', 1)
     for stem, content in contents.items():
         (folder / f"{stem}.urdf").write_text(content)
+    (folder / "heavy.urdf").write_text(URDF.replace('mass value="1"', 'mass value="1e50"', 1))
+    (folder / "far.yaml").write_text(TOOL.replace("0.15", "1e49"))
     (folder / "folder.urdf").mkdir()
     (folder / "short.csv").write_text("t,lift\n" + "".join(f"{k / 10},0\n" for k in range(11)))
     before = sorted(folder.rglob("*"))
@@ -264,9 +330,7 @@ def test_output_over_an_input_is_refused(folder, capfd):
 
 def test_robot_without_pinocchio(folder, monkeypatch, capfd):
     here = importlib.util.find_spec
-    monkeypatch.setattr(
-        "compare.registry.find_spec", lambda name: None if name == "pinocchio" else here(name)
-    )
+    monkeypatch.setattr("urdf.libraries.find_spec", lambda name: None if name == "pinocchio" else here(name))
     monkeypatch.setitem(sys.modules, "compare.payload.robot", None)
     (folder / "arm.urdf").write_text(URDF)
     assert command("forces", "wu2012", "line", "--payload", "arm.urdf", "--output", "f.csv") == 1

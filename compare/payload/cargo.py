@@ -15,11 +15,12 @@ import numpy as np
 from compare.inputs import Block, Motions, WholeMotion, load_motion, open_motions
 from compare.payload.aboard import Aboard
 from compare.payload.catalogue import find_robot
+from compare.payload.joint_limits import told
 from compare.payload.mount import Mount
 from compare.payload.ride import Carrier, JointMotion, Ride
 from compare.registry import load as load_engine
-from sixsps.arrays import Array
-from sixsps.errors import InputError
+from sixsps.arrays import LARGEST, Array
+from sixsps.errors import InputError, MechanismError, printable
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
 from sixsps.payload import Payload, attached, shifted_wrench
@@ -53,13 +54,22 @@ class RigidCargo:
 
     is_robot = False
 
-    def __init__(self, payload: Payload) -> None:
-        self.payload = payload
+    def __init__(self, payload: Payload, source: str = "") -> None:
+        self.payload, self.source = payload, source
 
     def aboard(self, mechanism: Mechanism, motion: Motion) -> Aboard:
         """Returns the body as part of the platform; see `Cargo`."""
-        whole = attached(mechanism, self.payload)
+        whole = self.attached(mechanism)
         return Aboard(whole, self.shifted(motion, mechanism, whole), self._facts())
+
+    def attached(self, mechanism: Mechanism) -> Mechanism:
+        """Returns the mechanism whose platform carries the body; see `sixsps.attached`."""
+        mechanism.check_inertia()
+        try:
+            return attached(mechanism, self.payload)
+        except MechanismError as error:  # of the sum, which stands in no file
+            place = f"{error.place} of platform and payload"
+            raise MechanismError(place, error.value, error.allowed, self.source) from None
 
     @staticmethod
     def shifted(motion: Motion, mechanism: Mechanism, whole: Mechanism) -> Motion:
@@ -72,7 +82,7 @@ class RigidCargo:
         digest = hashlib.sha256(json.dumps(numbers).encode()).hexdigest()
         return {
             "kind": "rigid body",
-            "name": payload.name,
+            "name": printable(payload.name),
             "sha256": digest,
             "mass_kg": payload.mass,
             "com_m": payload.com.tolist(),
@@ -95,10 +105,14 @@ class RobotCargo:
         joints = self._joints(motion.time)
         ride = Ride(Carrier(mechanism, self.model.robot, self.mount), motion, joints)
         wrench = base_wrench(ride, self.model)
+        if not max(np.abs(wrench.force).max(), np.abs(wrench.moment).max()) <= LARGEST:
+            found, allowed = f"a wrench beyond {LARGEST:g} N or N m", "a robot and motions that exert less"
+            raise MechanismError("payload", found, allowed, str(self.model.robot.urdf))
         loaded = replace(motion, force=motion.force + wrench.force, moment=motion.moment + wrench.moment)
         facts = self._facts(joints) | {
             "largest_force_N": float(np.linalg.norm(wrench.force, axis=1).max()),
             "largest_moment_Nm": float(np.linalg.norm(wrench.moment, axis=1).max()),
+            "warnings": [*self.model.warnings, *joints.warnings, *self._limits_left(motion.time, joints)],
         }
         return Aboard(mechanism, loaded, facts, ride)
 
@@ -109,12 +123,15 @@ class RobotCargo:
         rest = np.zeros((len(time), len(angles)))
         return JointMotion(rest + angles, rest, rest, f"standing still, {name} configuration")
 
+    def _limits_left(self, time: Array, joints: JointMotion) -> tuple[str, ...]:
+        return told(time, joints.position, self.model.limits, self.model.names, self.model.sliding)
+
     def _facts(self, joints: JointMotion) -> dict[str, Any]:
         samples = np.stack([joints.position, joints.velocity, joints.acceleration]).astype("<f8")
         return {
             "kind": "robot",
-            "name": self.model.robot.name,
-            "sha256": hashlib.sha256(self.model.robot.urdf.read_bytes()).hexdigest(),
+            "name": printable(self.model.robot.name),
+            "sha256": self.model.sha256,
             "mass_kg": self.model.mass,
             "joints": len(self.model.names),
             "mount": {
@@ -122,7 +139,7 @@ class RobotCargo:
                 "rotation": self.mount.rotation.tolist(),
             },
             "motion": {
-                "name": joints.name,
+                "name": printable(joints.name),
                 "sha256": hashlib.sha256(samples.tobytes()).hexdigest(),
                 "estimated": joints.estimated,
             },
@@ -141,14 +158,14 @@ def open_cargo(payload: str | None, motion: Path | None = None, mount: str | Non
         InputError: a file cannot be read, or the options do not go together.
         EngineUnavailable: a robot without Pinocchio.
     """
-    rigid = payload is None or Path(payload).suffix in (".yaml", ".yml")
+    rigid = payload is None or Path(payload).suffix.lower() in (".yaml", ".yml")
     for option, value in (("--payload-motion", motion), ("--payload-mount", mount)):
         if rigid and value is not None:
             raise InputError(option, str(value), "only with a robot as --payload")
     if payload is None:
         return None
     if rigid:
-        return RigidCargo(Payload.load(payload))
+        return RigidCargo(Payload.load(payload), payload)
     place = Mount.at() if mount is None else Mount.parse(mount)
     robot = find_robot(payload)
     load_engine("pinocchio")  # so that what is wrong with it is told as of an engine
@@ -159,13 +176,15 @@ def open_cargo(payload: str | None, motion: Path | None = None, mount: str | Non
         return RobotCargo(model, place)
     from compare.payload.joints import load
 
-    return RobotCargo(model, place, load(motion, model.names, model.sliding))
+    return RobotCargo(model, place, load(motion, model.names, model.sliding, model.endless))
 
 
 def open_motions_aboard(
     cargo: Cargo | None, name_or_path: str, mechanism: Mechanism, **options: Any
-) -> tuple[Mechanism, Motions]:
-    """Returns mechanism and motion with the payload; a long file is read on the way unless a robot rides.
+) -> tuple[Mechanism, Motions, list[str]]:
+    """Returns mechanism and motion with the payload, and warnings.
+
+    A long file is read on the way unless a robot rides.
 
     Args:
         cargo: the payload, if any.
@@ -177,13 +196,14 @@ def open_motions_aboard(
         InputError: as `open_motions` and `Cargo.aboard`.
     """
     if cargo is None:
-        return mechanism, open_motions(name_or_path, mechanism, **options)
+        return mechanism, open_motions(name_or_path, mechanism, **options), []
     if isinstance(cargo, RigidCargo):
-        whole = attached(mechanism, cargo.payload)
+        whole = cargo.attached(mechanism)
         motions = open_motions(name_or_path, mechanism, **options)
-        return whole, _Shifted(motions, partial(cargo.shifted, mechanism=mechanism, whole=whole))
+        return whole, _Shifted(motions, partial(cargo.shifted, mechanism=mechanism, whole=whole)), []
     aboard = cargo.aboard(mechanism, load_motion(name_or_path, mechanism, **options))
-    return aboard.mechanism, WholeMotion(aboard.motion)
+    warnings = [] if aboard.facts is None else [f"payload: {line}" for line in aboard.facts["warnings"]]
+    return aboard.mechanism, WholeMotion(aboard.motion), warnings
 
 
 class _Shifted:

@@ -60,7 +60,7 @@ def find_robot(name_or_path: str) -> Robot:
         UnknownNameError: there is no robot of that name.
     """
     path = Path(name_or_path)
-    if path.suffix == ".urdf":
+    if path.suffix.lower() == ".urdf":
         if not exists(path):
             raise MechanismError("payload", "no such file", "an existing file", name_or_path)
         return Robot(path.stem, path)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compare.payload.ride import JointMotion
+from compare.payload.turns import without_jumps
 from sixsps.arrays import Array
 from sixsps.errors import MotionError
 from sixsps.motion import check_time
@@ -23,6 +24,8 @@ _SHOWN = 3
 _ROUNDING = 4 * float(np.finfo(np.float64).eps)
 # A step that is so much longer than nine in ten of the others is a gap, in which positions alone say nothing.
 _GAP = 10
+# Noise of recorded positions [rad, m], and its share of their range, beyond which something else is wrong.
+_NOISE, _NOISE_SHARE = 1e-3, 0.01
 
 Curves = tuple[Array, Array, Array]
 """Positions, velocities and accelerations, (n, k) each."""
@@ -39,6 +42,7 @@ class Recording:
         acceleration: (m, k) [rad/s^2, m/s^2], None where it was not recorded.
         sliding: (k,) bool, which joints slide.
         source: the file.
+        warnings: what a reader has to know of how positions were read.
     """
 
     time: Array
@@ -47,6 +51,7 @@ class Recording:
     acceleration: Array | None
     sliding: NDArray[np.bool_]
     source: Path
+    warnings: tuple[str, ...] = ()
 
     def at(self, time: Array) -> JointMotion:
         """Returns the motion at the times of the platform's motion.
@@ -69,21 +74,22 @@ class Recording:
             inside = self._covered(time)
             if self.velocity is not None and self.acceleration is not None:
                 curves = _quintic(self.time, (self.position, self.velocity, self.acceleration), inside)
-                return JointMotion(*curves, self.source.stem)
+                return JointMotion(*curves, self.source.stem, warnings=self.warnings)
             if self.velocity is not None or self.acceleration is not None:
                 found = "only velocities" if self.acceleration is None else "only accelerations"
                 raise MotionError("columns", found, "both or none, or the times of the platform's motion")
             self._check_gaps(inside)
-            curves, how = self._smoothed(inside)
-            return JointMotion(*curves, self.source.stem, how)
+            curves, how, told = self._smoothed(inside)
+            return JointMotion(*curves, self.source.stem, how, self.warnings + told)
 
     def _at_own_times(self) -> JointMotion:
         velocity, acceleration, how = self.velocity, self.acceleration, ""
+        told: tuple[str, ...] = ()
         if velocity is None or acceleration is None:
-            (_, rate, change), how = self._smoothed(self.time)
+            (_, rate, change), how, told = self._smoothed(self.time)
             velocity = rate if velocity is None else velocity
             acceleration = change if acceleration is None else acceleration
-        return JointMotion(self.position, velocity, acceleration, self.source.stem, how)
+        return JointMotion(self.position, velocity, acceleration, self.source.stem, how, self.warnings + told)
 
     def _covered(self, time: Array) -> Array:
         first, last = float(self.time[0]), float(self.time[-1])
@@ -103,24 +109,36 @@ class Recording:
             found = f"no samples from {self.time[step]:.10g} to {self.time[step + 1]:.10g} s"
             raise MotionError("t", found, "evenly recorded positions, or also velocities and accelerations")
 
-    def _smoothed(self, time: Array) -> tuple[Curves, str]:
-        """Returns smoothed positions and their derivatives, and how; sliding joints by themselves."""
+    def _smoothed(self, time: Array) -> tuple[Curves, str, tuple[str, ...]]:
+        """Returns smoothed curves, how they were made, and warnings; sliding joints by themselves."""
         if len(self.time) < FEWEST_SAMPLES:
             allowed = f"at least {FEWEST_SAMPLES} samples, or velocities and accelerations"
             raise MotionError("rows", f"{len(self.time)} samples without derivatives", allowed)
         curves = tuple(np.zeros((len(time), self.position.shape[1])) for _ in _PREFIXES)
-        words = []
+        words, warnings = [], []
         for joints, unit in ((~self.sliding, "rad"), (self.sliding, "m")):
             if joints.any():
-                spline = fit(self.time, self.position[:, joints])
+                recorded = self.position[:, joints]
+                spline = fit(self.time, recorded)
+                if spline.noise > max(_NOISE, _NOISE_SHARE * np.ptp(recorded, axis=0).max()):
+                    warnings.append(
+                        f"joint positions are {spline.noise:.2g} {unit} RMS from the curve through them, "
+                        "more than recordings are noisy: see that none of them jumps"
+                    )
                 for order, curve in enumerate(curves):
                     curve[:, joints] = spline(time, order)
                 words.append(f"cutoff {spline.cutoff:.3g} Hz, residual {spline.noise:.2g} {unit} RMS")
         position, velocity, acceleration = curves
-        return (position, velocity, acceleration), "quintic smoothing spline, " + "; ".join(words)
+        how = "quintic smoothing spline, " + "; ".join(words)
+        return (position, velocity, acceleration), how, tuple(warnings)
 
 
-def load(path: Path, names: Sequence[str], sliding: NDArray[np.bool_]) -> Recording:
+def load(
+    path: Path,
+    names: Sequence[str],
+    sliding: NDArray[np.bool_],
+    endless: NDArray[np.bool_] | None = None,
+) -> Recording:
     """Reads a joint motion.
 
     Columns, in any order: t; of all joints q1, ..., qk in the order of the robot's description, or the
@@ -131,10 +149,13 @@ def load(path: Path, names: Sequence[str], sliding: NDArray[np.bool_]) -> Record
         path: CSV or Parquet file.
         names: of the robot's k joints.
         sliding: (k,) bool, which of them slide.
+        endless: (k,) bool, which of them turn without limits, so that their angles may be recorded
+            within one turn; none by default.
 
     Raises:
         MotionError: naming file, row and column, value and what is allowed.
     """
+    endless = np.zeros_like(sliding) if endless is None else endless
     numbers = [f"q{joint}" for joint in range(1, len(names) + 1)]
     with source_in_errors(path):
         names = names if _are_clear(names) else numbers
@@ -151,7 +172,21 @@ def load(path: Path, names: Sequence[str], sliding: NDArray[np.bool_]) -> Record
         position, velocity, acceleration = (_group(columns, prefix, family) for prefix in _PREFIXES)
         if position is None:
             raise MotionError("columns", "no joint positions", _words(numbers, names))
-        return Recording(columns["t"], position, velocity, acceleration, sliding, path)
+        position, turned = without_jumps(
+            columns["t"],
+            position,
+            velocity,
+            (sliding, endless),
+            lambda sample, joint: f"{family[joint]}, {table.row(sample)}",
+        )
+        warnings = _turns_told([family[joint] for joint in turned])
+        return Recording(columns["t"], position, velocity, acceleration, sliding, path, warnings)
+
+
+def _turns_told(names: Sequence[str]) -> tuple[str, ...]:
+    if not names:
+        return ()
+    return (f"recorded angles jump by whole turns, which were added: {_few(names)}",)
 
 
 def _are_clear(names: Sequence[str]) -> bool:

@@ -24,6 +24,7 @@ class JointMotion:
         acceleration: (n, k) [rad/s^2, m/s^2].
         name: what to call it in reports.
         estimated: how velocities or accelerations were estimated; empty when they were given.
+        warnings: what a reader has to know of how positions were read.
     """
 
     position: Array
@@ -31,6 +32,7 @@ class JointMotion:
     acceleration: Array
     name: str = "joint motion"
     estimated: str = ""
+    warnings: tuple[str, ...] = ()
 
     def __getitem__(self, samples: slice | NDArray[np.bool_] | NDArray[np.intp]) -> JointMotion:
         parts = {name: getattr(self, name)[samples] for name in ("position", "velocity", "acceleration")}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import sys
 import tempfile
@@ -9,46 +10,64 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from compare.payload.catalogue import Robot
+from compare.payload.description import described, names_in, parsed
+from compare.payload.faithful import check_faithful
 from compare.payload.mount import base_motion
+from compare.payload.plausible import check_inertias
 from compare.payload.ride import Ride
 from sixsps.arrays import Array
 from sixsps.errors import MechanismError
-from sixsps.files import check_readable
+from sixsps.files import read_bytes
 
 # Named configurations in which a robot stands, the first that it has; else all joints at zero.
 STANDING = ("half_sitting", "standing", "default", "home")
 _STDERR = 2
+_LARGEST_FILE = 16 * 1024 * 1024
 
 
 class RobotModel:
     """A robot as Pinocchio reads it, its root link on a free-flyer.
 
     Attributes:
+        text: of its URDF file.
+        sha256: of that file.
+        description: what the text says by itself.
         model: joints 2, 3, ... are the robot's own.
         names: of the k joints, in the order of joint motions.
         sliding: (k,) bool, which of them slide.
+        endless: (k,) bool, which of them turn without limits.
+        limits: (k, 2) least and largest positions [rad, sliding joints m]; infinite where there are none.
+        warnings: what a reader has to know of the file.
 
     Raises:
-        MechanismError: the file is no URDF, or a joint has more than one degree of freedom.
+        MechanismError: the file is no URDF, a joint has more than one degree of freedom, no robot can be
+            so, or Pinocchio reads another robot than the file describes.
     """
 
     def __init__(self, robot: Robot) -> None:
-        self.robot = robot
-        self.model = _read(robot.urdf)
+        self.robot, source = robot, str(robot.urdf)
+        self.text, self.sha256 = _text(robot)
+        root = parsed(self.text, source)
+        self.model = _read(self.text, source, _unused(names_in(root, source)))
         self._joints = list(self.model.joints)[2:]
         self.names = tuple(self.model.names)[2:]
         for name, joint in zip(self.names, self._joints, strict=True):
             if joint.nv != 1:
                 found, allowed = f"{joint.nv} degrees of freedom", "joints of one degree of freedom"
-                raise MechanismError(f"joint {name}", found, allowed, str(robot.urdf))
-        self.sliding = np.array(["JointModelP" in joint.shortname() for joint in self._joints], dtype=bool)
+                raise MechanismError(f"joint {name}", found, allowed, source)
+        self.description = described(root, source)
+        self.warnings = check_inertias(self.description)
+        check_faithful(self.model, 1, self.description)
+        joints = [self.description.joints[name] for name in self.names]
+        self.sliding = np.array([joint.kind == "prismatic" for joint in joints], dtype=bool)
+        self.endless = np.array([joint.kind == "continuous" for joint in joints], dtype=bool)
+        self.limits = np.array([(joint.lower, joint.upper) for joint in joints]).reshape(-1, 2)
 
     @property
     def mass(self) -> float:
@@ -125,27 +144,43 @@ def base_wrench(ride: Ride, robot: RobotModel) -> BaseWrench:
     return BaseWrench(force, moment, efforts[:, 6:])
 
 
-def _read(urdf: Path) -> pin.Model:
-    """Returns the model in a file, its root link on a free-flyer.
+def fixed_model(robot: RobotModel) -> pin.Model:
+    """Returns the model of a robot whose root link is fixed to the world."""
+    model = pin.buildModelFromXML(robot.text)
+    check_faithful(model, 0, robot.description)
+    return model
+
+
+def _text(robot: Robot) -> tuple[str, str]:
+    """Returns the text of a robot's file and the file's SHA-256."""
+    content = read_bytes(robot.urdf, "payload", MechanismError, _LARGEST_FILE)
+    try:
+        return content.decode("utf-8-sig"), hashlib.sha256(content).hexdigest()
+    except UnicodeDecodeError as error:
+        raise MechanismError("payload", str(error), "UTF-8 text", str(robot.urdf)) from None
+
+
+def _unused(names: set[str]) -> str:
+    """Returns a name for the free-flyer: a joint of its name would be welded to it without a word."""
+    name = "free-flyer"
+    while name in names:
+        name += "'"
+    return name
+
+
+def _read(text: str, source: str, base: str) -> pin.Model:
+    """Returns the model that a text describes, its root link on a free-flyer called `base`.
 
     Raises:
-        MechanismError: it cannot be read, or not all of it, or has numbers that no robot can have.
+        MechanismError: it cannot be read, or not all of it.
     """
-    check_readable(urdf, "payload", MechanismError)
     with _silent() as said:
         try:
-            model, problem = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer()), said()
+            model, problem = pin.buildModelFromXML(text, pin.JointModelFreeFlyer(), base), said()
         except Exception as error:  # the library has no class of its own for what it cannot read
             problem = said() or str(error)
-    if not problem:
-        numbers = [inertia.matrix() for inertia in model.inertias]
-        numbers += [placement.homogeneous for placement in model.jointPlacements]
-        if not all(np.isfinite(matrix).all() for matrix in numbers):
-            problem = "an inertia or origin that is not a finite number"
-        elif any(inertia.mass < 0 for inertia in model.inertias):
-            problem = "a negative mass"
     if problem:
-        raise MechanismError("payload", problem, "a URDF file that Pinocchio reads as a whole", str(urdf))
+        raise MechanismError("payload", problem, "a URDF file that Pinocchio reads as a whole", source)
     return model
 
 

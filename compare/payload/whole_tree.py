@@ -17,15 +17,16 @@ from scipy.linalg.lapack import dgels
 from compare.engine import EngineForces, Progress
 from compare.engines.pinocchio import MjcfTree, joint_rates
 from compare.payload.ride import Carrier, Ride
-from compare.payload.robot import RobotModel
+from compare.payload.robot import RobotModel, fixed_model
 from sixsps.arrays import Array
 from sixsps.errors import EngineError
 from sixsps.motion import Motion
 from urdf.closures import CLOSURES
 
 _PROGRESS_STEP = 100
-_PREFIX = "payload/"
+_JOINT, _LINK = "payload/joint/", "payload/link/"
 _PLATFORM = "platform"
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,9 @@ class WholeTree(MjcfTree):
         robot = RobotModel(carrier.robot)
         mount = pin.SE3(np.array(carrier.mount.rotation), np.array(carrier.mount.position))
         platform = self.model.getFrameId(_PLATFORM)
-        model = pin.appendModel(self.model, _fixed(robot), platform, mount)
+        aboard = _renamed(fixed_model(robot))
+        model = pin.appendModel(self.model, aboard, platform, mount)
+        _check_whole(model, (self.model, aboard))
         model.gravity.linear = np.array(carrier.mechanism.gravity)
         # Joints have other numbers now: the closures are made again, between the same frames.
         closures = [self._closure(model, *pair) for pair in CLOSURES.closed_loop]
@@ -52,7 +55,7 @@ class WholeTree(MjcfTree):
             model, closures, CLOSURES.closed_loop, carrier.mechanism.characteristic_length
         )
         self.robot = robot
-        joints = [model.joints[self._joint(_PREFIX + name)] for name in robot.names]
+        joints = [model.joints[self._joint(_JOINT + name)] for name in robot.names]
         self.robot_columns = np.array([joint.idx_v for joint in joints], dtype=np.intp)
         self.robot_places = [slice(joint.idx_q, joint.idx_q + joint.nq) for joint in joints]
         self.hexapod_columns = np.setdiff1d(np.arange(model.nv), self.robot_columns)
@@ -125,14 +128,21 @@ class PinocchioPayload:
         return TreeForces(EngineForces(results[:, :6], results[:, 6], results[:, 7]), torques)
 
 
-def _fixed(robot: RobotModel) -> pin.Model:
-    """Returns the robot's model with its root link fixed to the universe, in names of its own."""
-    model = pin.buildModelFromUrdf(str(robot.robot.urdf))
+def _renamed(model: pin.Model) -> pin.Model:
+    """Returns a robot's model in names of its own; URDF's links and joints may share theirs."""
     for joint in range(1, model.njoints):
-        model.names[joint] = _PREFIX + model.names[joint]
-    for frame in range(1, model.nframes):
-        model.frames[frame].name = _PREFIX + model.frames[frame].name
+        model.names[joint] = _JOINT + model.names[joint]
+    for frame in list(model.frames)[1:]:
+        frame.name = (_LINK if frame.type == pin.FrameType.BODY else _JOINT) + frame.name
     return model
+
+
+def _check_whole(whole: pin.Model, parts: tuple[pin.Model, pin.Model]) -> None:
+    """Raises EngineError unless a model has all joints and all mass of its parts."""
+    joints = sum(part.njoints - 1 for part in parts)
+    masses = [sum(inertia.mass for inertia in model.inertias) for model in (whole, *parts)]
+    if whole.njoints - 1 != joints or abs(masses[0] - sum(masses[1:])) > _ROUNDING * sum(masses[1:]):
+        raise EngineError("the tree of hexapod and robot has not all their joints and mass")
 
 
 def _on_platform(carrier: Carrier, motion: Motion) -> Array:
