@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet
 
 from compare.comparison import Comparison
-from sixsps.files import write_atomically
+from sixsps.files import write_atomically, write_json
 
 RESULTS, FORCES = "results.json", "forces.parquet"
 
@@ -22,11 +22,7 @@ def write_results(results: dict[str, Any], folder: Path) -> Path:
     Raises:
         OutputError: it cannot be written.
     """
-    path = folder / RESULTS
-    with write_atomically(path) as temporary:
-        text = json.dumps(results, indent=2, allow_nan=False, ensure_ascii=False)
-        temporary.write_text(text + "\n", encoding="utf-8")
-    return path
+    return write_json(results, folder / RESULTS)
 
 
 def read_results(path: Path) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,7 @@ from compare.facts import mechanism_facts, versions
 from compare.modes import numbers
 from sixsps.arrays import Array
 from sixsps.errors import printable
-from sixsps.files import write_atomically
+from sixsps.files import write_atomically, write_json
 
 if TYPE_CHECKING:
     from sixsps.workspace import Workspace
@@ -103,11 +102,7 @@ def write_json(content: dict[str, Any], folder: Path) -> Path:
     Raises:
         OutputError: it cannot be written.
     """
-    path = folder / RESULTS
-    with write_atomically(path) as temporary:
-        text = json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False)
-        temporary.write_text(text + "\n", encoding="utf-8")
-    return path
+    return write_json(content, folder / RESULTS)
 
 
 def write_cells(found: list[Workspace], folder: Path) -> Path:

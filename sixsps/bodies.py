@@ -9,6 +9,7 @@ from numbers import Real
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sixsps.arrays import LARGEST, Array, frozen
 from sixsps.errors import MechanismError
@@ -31,6 +32,26 @@ def _number(value: float, place: str, unit: str) -> None:
         raise MechanismError(place, value, f"a number [{unit}]")
     if not abs(float(value)) <= LARGEST:
         raise MechanismError(place, value, f"a finite number up to {LARGEST:g} [{unit}]")
+
+
+def rigid_inertia(value: ArrayLike, place: str) -> tuple[Array, Array]:
+    """Returns an inertia (3, 3), exactly symmetric and read-only, and its principal moments, least first.
+
+    Raises:
+        MechanismError: naming `place`, where it is not symmetric, or a moment is negative or larger than the
+            sum of the other two, each by more than rounding.
+    """
+    inertia = frozen(value, (3, 3), place, MechanismError)
+    if np.abs(inertia - inertia.T).max() > _ROUNDING * np.abs(inertia).max():
+        raise MechanismError(place, inertia.tolist(), "a symmetric matrix")
+    inertia = frozen((inertia + inertia.T) / 2, (3, 3), place, MechanismError)
+    principal = np.linalg.eigvalsh(inertia)
+    found = f"principal moments {principal}"
+    if principal[0] < -_ROUNDING * np.abs(principal).max():
+        raise MechanismError(place, found, "no negative principal moment [kg m^2]")
+    if principal[2] > (principal[0] + principal[1]) * (1 + _ROUNDING):
+        raise MechanismError(place, found, "no principal moment larger than the sum of the other two")
+    return inertia, principal
 
 
 @dataclass(frozen=True)
@@ -174,17 +195,10 @@ class Platform:
         _positive(self.mass, "platform.mass", "kg")
         object.__setattr__(self, "mass", float(self.mass))
         object.__setattr__(self, "com", frozen(self.com, (3,), "platform.com", MechanismError))
-        inertia = frozen(self.inertia, (3, 3), "platform.inertia", MechanismError)
-        if np.abs(inertia - inertia.T).max() > _ROUNDING * np.abs(inertia).max():
-            raise MechanismError("platform.inertia", inertia.tolist(), "a symmetric matrix")
-        inertia = frozen((inertia + inertia.T) / 2, (3, 3), "platform.inertia", MechanismError)
+        inertia, principal = rigid_inertia(self.inertia, "platform.inertia")
         object.__setattr__(self, "inertia", inertia)
-        principal = np.linalg.eigvalsh(inertia)
         if principal[0] <= 0:
             allowed = "positive principal moments [kg m^2]"
-            raise MechanismError("platform.inertia", f"principal moments {principal}", allowed)
-        if principal[2] > (principal[0] + principal[1]) * (1 + _ROUNDING):
-            allowed = "no principal moment larger than the sum of the other two"
             raise MechanismError("platform.inertia", f"principal moments {principal}", allowed)
 
     def to_mapping(self) -> dict[str, Any]:

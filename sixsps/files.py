@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from sixsps.errors import InputError, OutputError
 
@@ -91,6 +93,18 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
+
+
+def write_json(content: dict[str, Any], path: Path) -> Path:
+    """Writes a file for people and machines to read, without NaN; returns its path.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    text = json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False)
+    with write_atomically(path) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")
+    return path
 
 
 def output_folder(path: Path) -> Path:

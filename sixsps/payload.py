@@ -11,14 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sixsps.arrays import Array, frozen
-from sixsps.bodies import Platform
+from sixsps.bodies import Platform, rigid_inertia
 from sixsps.errors import MechanismError, MotionError
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
-
-# As of the platform: what was turned or read from a drawing may miss symmetry and the triangle
-# inequality by this much relative. Negative principal moments below it are zero, of a rod or a point.
-_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,20 +43,7 @@ class Payload:
             raise MechanismError("mass", mass, "finite and > 0 [kg]")
         object.__setattr__(self, "mass", mass)
         object.__setattr__(self, "com", frozen(self.com, (3,), "com", MechanismError))
-        inertia = frozen(self.inertia, (3, 3), "inertia", MechanismError)
-        if np.abs(inertia - inertia.T).max() > _ROUNDING * np.abs(inertia).max():
-            raise MechanismError("inertia", inertia.tolist(), "a symmetric matrix")
-        inertia = frozen((inertia + inertia.T) / 2, (3, 3), "inertia", MechanismError)
-        object.__setattr__(self, "inertia", inertia)
-        self._check_moments()
-
-    def _check_moments(self) -> None:
-        principal = np.linalg.eigvalsh(self.inertia)
-        found = f"principal moments {principal}"
-        if principal[0] < -_ROUNDING * np.abs(principal).max():
-            raise MechanismError("inertia", found, "no negative principal moment [kg m^2]")
-        if principal[2] > (principal[0] + principal[1]) * (1 + _ROUNDING):
-            raise MechanismError("inertia", found, "no principal moment larger than the sum of the other two")
+        object.__setattr__(self, "inertia", rigid_inertia(self.inertia, "inertia")[0])
 
     def __reduce__(self) -> tuple[Callable[..., Payload], tuple[Any, ...]]:
         """Pickles such that what comes back is frozen again."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 from compare.simulation.simulate import Simulation
 from compare.simulation.trajectory import Trajectory
 from sixsps.arrays import Array
-from sixsps.files import write_atomically
+from sixsps.files import write_json
 from sixsps.tables import write_table
 
 SIMULATION, TRAJECTORY, ERRORS = "simulation.json", "trajectory.parquet", "errors.parquet"
@@ -34,9 +33,7 @@ def write_simulation(simulation: Simulation, command: str, folder: Path) -> None
     write_table(motion_columns(outcome.trajectory), folder / TRAJECTORY)
     write_table(error_columns(outcome.trajectory, simulated=outcome.simulated), folder / ERRORS)
     facts = simulation.facts | {"command": command}
-    with write_atomically(folder / SIMULATION) as temporary:
-        text = json.dumps(facts, indent=2, allow_nan=False, ensure_ascii=False)
-        temporary.write_text(text + "\n", encoding="utf-8")
+    write_json(facts, folder / SIMULATION)
 
 
 def motion_columns(path: Trajectory) -> dict[str, Array]:
