@@ -63,9 +63,10 @@ def workspace(
     from compare.inputs import check_range
     from compare.modes import numbers
     from compare.progress import watching
-    from compare.workspace import facts, table, write_cells, write_json
+    from compare.workspace import RESULTS, facts, table, write_cells
     from compare.workspace import orientation as rotation_of
-    from sixsps.files import output_folder
+    from sixsps.files import output_folder, write_json
+    from sixsps.home import home_position
     from sixsps.mechanism import Mechanism
     from sixsps.workspace import constant_orientation_workspace, orientation_workspace
 
@@ -74,6 +75,7 @@ def workspace(
     rotation = rotation_of(orientation)
     place = None if position is None else numbers("--position", position, 3)
     hexapod = Mechanism.load(mechanism)
+    home_position(hexapod)  # what has no length limits is refused before a folder is made for it
     folder = output_folder(output)
     searches: dict[str, Callable[..., Workspace]] = {
         "translation": constant_orientation_workspace,
@@ -96,7 +98,10 @@ def workspace(
                 )  # fmt: skip
                 watch(name, "ok", found[-1].judged)
         command = printable(shlex.join(["sixsps", *sys.argv[1:]]))
-        written = [write_json(facts(found, command, cells, singularity), folder), write_cells(found, folder)]
+        written = [
+            write_json(facts(found, command, cells, singularity), folder / RESULTS),
+            write_cells(found, folder),
+        ]
         if available():
             watch("figures", "drawing", 0)
             written += workspace_figures.write_figures(found, folder)

@@ -12,7 +12,7 @@ from compare.facts import mechanism_facts, versions
 from compare.modes import numbers
 from sixsps.arrays import Array
 from sixsps.errors import printable
-from sixsps.files import write_atomically, write_json
+from sixsps.files import write_atomically
 
 if TYPE_CHECKING:
     from sixsps.workspace import Workspace
@@ -94,15 +94,6 @@ _MEASURES = {
     "translation": "bounds of the positions that the reference position reaches at its orientation",
     "orientation": "bounds by Haar's measure, 8 pi^2 in all, of the orientations that the reference reaches",
 }
-
-
-def write_json(content: dict[str, Any], folder: Path) -> Path:
-    """Writes `workspace.json` into `folder` and returns its path.
-
-    Raises:
-        OutputError: it cannot be written.
-    """
-    return write_json(content, folder / RESULTS)
 
 
 def write_cells(found: list[Workspace], folder: Path) -> Path:

@@ -45,7 +45,7 @@ def rigid_inertia(value: ArrayLike, place: str) -> tuple[Array, Array]:
     if np.abs(inertia - inertia.T).max() > _ROUNDING * np.abs(inertia).max():
         raise MechanismError(place, inertia.tolist(), "a symmetric matrix")
     inertia = frozen((inertia + inertia.T) / 2, (3, 3), place, MechanismError)
-    principal = np.linalg.eigvalsh(inertia)
+    principal: Array = np.linalg.eigvalsh(inertia).astype(np.float64)
     found = f"principal moments {principal}"
     if principal[0] < -_ROUNDING * np.abs(principal).max():
         raise MechanismError(place, found, "no negative principal moment [kg m^2]")

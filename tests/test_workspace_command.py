@@ -232,3 +232,10 @@ class TestPicture:
         names = [f"leg {leg} {what}" for leg in range(1, 7) for what in joints]
         names += ["legs 1-4 clearance", "singularity", "half turn"]
         assert len({workspace_figures.style_of(name) for name in names}) == len(names)
+
+
+def test_a_mechanism_without_length_limits_leaves_no_folder(tmp_path):
+    done = command("dietmaier1998", "--output", tmp_path / "left")
+    assert done.returncode == 2
+    assert "legs.length_limits: missing" in done.stderr
+    assert list(tmp_path.iterdir()) == []
