@@ -47,8 +47,8 @@ def fk(
     check_not_input(output, mechanism, str(lengths))
     if every and guess is not None:
         raise InputError("--guess", "with --all", "without it: all poses are found, from no guess")
-    start = guess_of(guess)
     hexapod = Mechanism.load(mechanism)
+    start = None if every else guess_of(guess, hexapod)
     with reading():
         table = load(lengths)
     with watching(len(table.time)) as watch:

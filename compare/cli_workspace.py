@@ -65,7 +65,7 @@ def workspace(
     from compare.progress import watching
     from compare.workspace import RESULTS, facts, table, write_cells
     from compare.workspace import orientation as rotation_of
-    from sixsps.files import output_folder, write_json
+    from sixsps.files import filled_folder, write_json
     from sixsps.home import home_position
     from sixsps.mechanism import Mechanism
     from sixsps.workspace import constant_orientation_workspace, orientation_workspace
@@ -76,13 +76,12 @@ def workspace(
     place = None if position is None else numbers("--position", position, 3)
     hexapod = Mechanism.load(mechanism)
     home_position(hexapod)  # what has no length limits is refused before a folder is made for it
-    folder = output_folder(output)
     searches: dict[str, Callable[..., Workspace]] = {
         "translation": constant_orientation_workspace,
         "orientation": orientation_workspace,
     }
     found = []
-    with watching(cells) as watch:
+    with filled_folder(output) as folder, watching(cells) as watch:
         for name, search in searches.items():
             if kind in (name, Kind.both):
 

@@ -34,6 +34,8 @@ def frozen(
         given = np.asarray(value)
     except ValueError:  # rows of different lengths
         given = np.array(None)
+    if np.ma.is_masked(value):
+        raise error(place, "entries that are masked", "numbers all of which are known")
     if given.dtype.kind not in "iuf":
         raise error(place, value, f"numbers of shape {wanted}" if shape else "a number")
     array = given.astype(np.float64, order="C")

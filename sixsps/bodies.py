@@ -34,24 +34,31 @@ def _number(value: float, place: str, unit: str) -> None:
         raise MechanismError(place, value, f"a finite number up to {LARGEST:g} [{unit}]")
 
 
-def rigid_inertia(value: ArrayLike, place: str) -> tuple[Array, Array]:
-    """Returns an inertia (3, 3), exactly symmetric and read-only, and its principal moments, least first.
+def rigid_inertia(value: ArrayLike, place: str, *, point: bool = False) -> Array:
+    """Returns the inertia (3, 3) of a rigid body, exactly symmetric and read-only.
+
+    Args:
+        value: (3, 3) [kg m^2].
+        place: name used in the message.
+        point: whether the body may be a rod or a point, of which principal moments are zero to rounding.
 
     Raises:
-        MechanismError: naming `place`, where it is not symmetric, or a moment is negative or larger than the
-            sum of the other two, each by more than rounding.
+        MechanismError: it is not symmetric, a principal moment is not positive, or one is larger than the sum
+            of the other two, by more than rounding.
     """
     inertia = frozen(value, (3, 3), place, MechanismError)
     if np.abs(inertia - inertia.T).max() > _ROUNDING * np.abs(inertia).max():
         raise MechanismError(place, inertia.tolist(), "a symmetric matrix")
     inertia = frozen((inertia + inertia.T) / 2, (3, 3), place, MechanismError)
-    principal: Array = np.linalg.eigvalsh(inertia).astype(np.float64)
+    principal = np.linalg.eigvalsh(inertia)
     found = f"principal moments {principal}"
-    if principal[0] < -_ROUNDING * np.abs(principal).max():
+    if point and principal[0] < -_ROUNDING * np.abs(principal).max():
         raise MechanismError(place, found, "no negative principal moment [kg m^2]")
+    if not point and principal[0] <= 0:
+        raise MechanismError(place, found, "positive principal moments [kg m^2]")
     if principal[2] > (principal[0] + principal[1]) * (1 + _ROUNDING):
         raise MechanismError(place, found, "no principal moment larger than the sum of the other two")
-    return inertia, principal
+    return inertia
 
 
 @dataclass(frozen=True)
@@ -195,11 +202,7 @@ class Platform:
         _positive(self.mass, "platform.mass", "kg")
         object.__setattr__(self, "mass", float(self.mass))
         object.__setattr__(self, "com", frozen(self.com, (3,), "platform.com", MechanismError))
-        inertia, principal = rigid_inertia(self.inertia, "platform.inertia")
-        object.__setattr__(self, "inertia", inertia)
-        if principal[0] <= 0:
-            allowed = "positive principal moments [kg m^2]"
-            raise MechanismError("platform.inertia", f"principal moments {principal}", allowed)
+        object.__setattr__(self, "inertia", rigid_inertia(self.inertia, "platform.inertia"))
 
     def to_mapping(self) -> dict[str, Any]:
         """Returns the content of the mechanism file's key `platform`, without the anchors."""

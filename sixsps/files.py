@@ -6,7 +6,7 @@ import json
 import os
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -125,6 +125,23 @@ def output_folder(path: Path) -> Path:
     except (OSError, ValueError) as error:
         raise OutputError("output", _reason(error), "a writable folder", source) from None
     return path
+
+
+@contextmanager
+def filled_folder(path: Path) -> Iterator[Path]:
+    """Yields `output_folder(path)`; takes it away again if it was made here and the block left it empty.
+
+    Raises:
+        OutputError: as `output_folder`.
+    """
+    there = exists(path)
+    folder = output_folder(path)
+    try:
+        yield folder
+    finally:
+        if not there:
+            with suppress(OSError):  # it is not empty
+                folder.rmdir()
 
 
 def _reason(error: OSError | ValueError) -> str:

@@ -33,8 +33,9 @@ def home_position(mechanism: Mechanism) -> Array:
     A, b = mechanism.base_anchors, mechanism.platform_anchors
     middle = float(mechanism.length_limits.mean())
     if not np.isfinite(middle):
-        allowed = "shortest and longest length [m]; the home pose is at mid-stroke"
-        raise MechanismError("legs.length_limits", "missing", allowed)
+        some = np.isfinite(mechanism.length_limits[:, 1]).any()
+        allowed = "shortest and longest length of every leg [m]; the home pose is at mid-stroke"
+        raise MechanismError("legs.length_limits", "a stroke without end" if some else "missing", allowed)
     normal = np.linalg.svd(A - A.mean(axis=0))[2][2]
     normal = normal if _upwards(mechanism, normal) @ normal >= 0 else -normal
     foot = A.mean(axis=0) - b.mean(axis=0)

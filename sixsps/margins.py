@@ -9,11 +9,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sixsps.arrays import Array
+from sixsps.arguments import mechanism_of
+from sixsps.arrays import Array, frozen
 from sixsps.errors import MechanismError, MotionError
 from sixsps.home import home_position
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
+from sixsps.pose_arrays import checked_poses
 from sixsps.rotation import cross
 from sixsps.segments import segment_distances
 
@@ -108,10 +110,11 @@ def limit_margins(mechanism: Mechanism, motion: Motion, forces: ArrayLike | None
 
     Raises:
         MechanismError: cones without axes, of a mechanism without a home pose.
-        MotionError: forces of another shape.
+        MotionError: forces of another shape, or that are no numbers or infinite.
+        InputError: not a mechanism.
     """
-    limits, n = mechanism.limits, len(motion)
-    found = pose_margins(mechanism, motion.position, motion.rotation)
+    limits, n = mechanism_of(mechanism).limits, len(motion)
+    found = _pose_margins(mechanism, motion.position, motion.rotation)
     entries, unchecked = dict(found.limits), dict(found.unchecked)
     if limits.rate is not None:
         rates = np.abs(length_rates(mechanism, motion))
@@ -134,12 +137,18 @@ def pose_margins(mechanism: Mechanism, position: ArrayLike, rotation: ArrayLike)
     Args:
         mechanism: geometry and limits.
         position: (n, 3) platform origin O1, world frame [m].
-        rotation: (n, 3, 3) platform axes to world axes.
+        rotation: (n, 3, 3) platform axes to world axes, or quaternions (n, 4) w, x, y, z.
 
     Raises:
         MechanismError: cones without axes, of a mechanism without a home pose.
+        MotionError: arrays of other shapes, entries that are not finite, or orientations that are none.
+        InputError: not a mechanism.
     """
-    place, turn = np.asarray(position, dtype=np.float64), np.asarray(rotation, dtype=np.float64)
+    return _pose_margins(mechanism_of(mechanism), *checked_poses(position, rotation))
+
+
+def _pose_margins(mechanism: Mechanism, place: Array, turn: Array) -> Margins:
+    """Returns `pose_margins` of poses that were checked."""
     limits, legs = mechanism.limits, leg_vectors(mechanism, place, turn)
     lengths = np.linalg.norm(legs, axis=-1)
     entries = {}
@@ -251,7 +260,17 @@ def _forces(mechanism: Mechanism, motion: Motion, forces: ArrayLike | None) -> A
         from sixsps.formulations import inverse_dynamics
 
         return inverse_dynamics(mechanism, motion)
-    given = np.asarray(forces, dtype=np.float64)
-    if given.shape != (len(motion), 6):
-        raise MotionError("forces", f"shape {given.shape}", f"shape ({len(motion)}, 6), as the motion")
-    return given
+    return _given(forces, len(motion))
+
+
+def _given(forces: ArrayLike, n: int) -> Array:
+    """Returns (n, 6) numbers, NaN where they are not known."""
+    try:
+        given = np.asarray(forces)
+    except ValueError:  # rows of different lengths
+        given = np.array(None)
+    if given.dtype.kind != "f" or np.ma.is_masked(forces):
+        return frozen(forces, (n, 6), "forces", MotionError)
+    unknown = np.isnan(given)
+    known = frozen(np.where(unknown, 0.0, given), (n, 6), "forces", MotionError)
+    return np.where(unknown, np.nan, known)

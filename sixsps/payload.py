@@ -43,7 +43,7 @@ class Payload:
             raise MechanismError("mass", mass, "finite and > 0 [kg]")
         object.__setattr__(self, "mass", mass)
         object.__setattr__(self, "com", frozen(self.com, (3,), "com", MechanismError))
-        object.__setattr__(self, "inertia", rigid_inertia(self.inertia, "inertia")[0])
+        object.__setattr__(self, "inertia", rigid_inertia(self.inertia, "inertia", point=True))
 
     def __reduce__(self) -> tuple[Callable[..., Payload], tuple[Any, ...]]:
         """Pickles such that what comes back is frozen again."""

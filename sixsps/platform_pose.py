@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sixsps.arguments import mechanism_of, whole_number
 from sixsps.arrays import Array, frozen
 from sixsps.errors import ConvergenceError, InputError, MotionError
 from sixsps.pose import Pose
@@ -21,11 +22,14 @@ if TYPE_CHECKING:
 STATUSES = ("ok", "unreachable", "unreachable", "singular", "singular", "limit")
 """By what the kernel says: found, impossible, blocked, from and at a singular pose, out of iterations."""
 MOST_ITERATIONS = 2000
-_OK, _INVALID = 0, len(STATUSES)
+# What the kernel counts to, with a factor of two to spare.
+_LARGEST_COUNT = 2**30
+_OK, _IMPOSSIBLE, _INVALID = 0, 1, len(STATUSES)
 _HELP = "sixsps.assembly_modes gives every pose with these lengths"
 _BLOCKED = (
-    "on the straight way of squared lengths from the guess to these the platform comes to a singular pose, "
-    f"at which a length is still {{residual:.3g}} m off; another guess may lead there: {_HELP}"
+    "no pose was found from the guess: on the straight way of squared lengths to these the platform comes to "
+    "a singular pose, at which a length is still {residual:.3g} m off; another guess may lead there: "
+    f"{_HELP}"
 )
 _MESSAGES = (
     "",
@@ -43,10 +47,11 @@ _MESSAGES = (
 class ForwardKinematics:
     """The pose of one sample, or the poses of n.
 
-    A sample whose status is not `ok` has no pose: its position and quaternion are NaN. It is `unreachable`
-    where two of the legs can never have such lengths at once, or where the way from the guess ends at a
-    singular pose before; `singular` where the guess is a singular pose, or the lengths are those of one;
-    `limit` where it took too many iterations.
+    Where the status is not `ok` no pose was found from the guess: position and quaternion are NaN. It is
+    `unreachable` where two of the legs can never have such lengths at once, or where the way from the guess
+    ends at a singular pose before; `singular` where the guess is a singular pose, or the lengths are those of
+    one; `limit` where it took too many iterations. Only of the first, `proven_impossible`, there is no pose;
+    of the others `assembly_modes` tells.
 
     Attributes:
         mechanism: what has these lengths.
@@ -73,8 +78,16 @@ class ForwardKinematics:
 
     @cached_property
     def ok(self) -> Any:
-        """Whether there is a pose; of n samples an array (n,)."""
+        """Whether a pose was found; of n samples an array (n,)."""
         return self._reason == _OK if self._reason.ndim else bool(self._reason == _OK)
+
+    @cached_property
+    def proven_impossible(self) -> Any:
+        """Whether two legs break the triangle inequality, so that no pose has such lengths; or (n,) of them.
+
+        Where it is false and no pose was found, there may be some that this guess does not lead to.
+        """
+        return self._reason == _IMPOSSIBLE if self._reason.ndim else bool(self._reason == _IMPOSSIBLE)
 
     @cached_property
     def rotation(self) -> Array:
@@ -163,20 +176,22 @@ def forward_kinematics(
         guess: where the platform is before the first sample: anything that `Pose.of` takes; or n poses, as
             a motion or state of n samples, one for each sample; the home position by default, orientation
             identity. From a single guess each sample is reached from the last one that was found.
-        on_failure: `raise` where a sample has no pose, or `return` what was found, with status and residual.
+        on_failure: `raise` where no pose was found, or `return` what was, with status and residual.
         max_iterations: Newton steps that a sample may take.
         threads: that a long array is shared among; the number of processors by default. No bit of the
             result depends on it.
 
     Raises:
-        ConvergenceError: a sample has no pose; says which, and what to do.
-        InputError: lengths or options that are none, lengths that are negative or not finite, a guess of
-            another shape, or no guess where the mechanism has no length limits and so no home position.
+        ConvergenceError: no pose was found for a sample; says which, whether it is proven that there is none,
+            and what to do.
+        InputError: not a mechanism, lengths or options that are none, lengths that are negative or not
+            finite, a guess of another shape, or no guess where the mechanism has no length limits and so no
+            home position.
     """
     from sixsps.kernels.poses import PoseFinder
     from sixsps.kernels.sharing import thread_count
 
-    finder = PoseFinder(mechanism, thread_count(threads))
+    finder = PoseFinder(mechanism_of(mechanism), thread_count(threads))
     return solved(finder, lengths, guess, on_failure, max_iterations)
 
 
@@ -184,15 +199,14 @@ def solved(
     finder: PoseFinder, lengths: ArrayLike, guess: Any, on_failure: str, max_iterations: int
 ) -> ForwardKinematics:
     """Returns what a finder makes of lengths; see `forward_kinematics`."""
-    _check_options(on_failure, max_iterations)
-    found = None
+    most, found = _most_iterations(on_failure, max_iterations), None
     if type(lengths) is np.ndarray and lengths.shape == (6,) and lengths.dtype == np.float64:
         # A control loop's call: whether these are lengths and a pose is left to the kernel.
         wanted = lengths.copy()
-        found = finder.one(wanted, finder.home if guess is None else _numbers(guess), max_iterations)
+        found = finder.one(wanted, finder.home if guess is None else _numbers(guess), most)
     if found is None or found.reason[0] == _INVALID:
         wanted = _lengths(lengths)
-        found = _found(finder, wanted, guess, max_iterations)
+        found = _found(finder, wanted, guess, most)
     if on_failure == "raise" and found.reason.any():
         raise _failure(finder.mechanism, wanted, found)
     arrays = (found.position, found.quaternion, found.iterations, found.residual, found.reason)
@@ -210,11 +224,11 @@ def _found(finder: PoseFinder, wanted: Array, guess: Any, max_iterations: int) -
     return finder.along(rows, first, max_iterations)
 
 
-def _check_options(on_failure: str, max_iterations: int) -> None:
+def _most_iterations(on_failure: str, max_iterations: int) -> int:
+    """Returns the number of iterations, where the options are some."""
     if on_failure not in ("raise", "return"):
         raise InputError("on_failure", on_failure, "raise or return")
-    if isinstance(max_iterations, bool) or not isinstance(max_iterations, int) or max_iterations < 1:
-        raise InputError("max_iterations", max_iterations, "a positive whole number")
+    return whole_number(max_iterations, "max_iterations", 1, _LARGEST_COUNT)
 
 
 def _lengths(given: ArrayLike) -> Array:
@@ -264,10 +278,10 @@ def _failure(mechanism: Mechanism, wanted: Array, found: Found) -> ConvergenceEr
     why = _MESSAGES[reason].format(
         residual=found.residual[first],
         iterations=found.iterations[first],
-        pair=_pair(mechanism, lengths) if reason == 1 else "",
+        pair=_pair(mechanism, lengths) if reason == _IMPOSSIBLE else "",
     )
     where = f"sample {first}: " if wanted.ndim == 2 else ""
-    more = f" ({len(failed)} of {len(found.reason)} samples have no pose)" if len(failed) > 1 else ""
+    more = f" (none found for {len(failed)} of {len(found.reason)} samples)" if len(failed) > 1 else ""
     return ConvergenceError(STATUSES[reason], f"{where}{why}{more}")
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sixsps.arguments import mechanism_of
 from sixsps.arrays import Array, frozen
 from sixsps.errors import InputError
 from sixsps.mechanism import Mechanism
@@ -20,13 +21,15 @@ _BLOCK = 1024
 
 @dataclass(frozen=True, eq=False)
 class PlatformRates:
-    """Twist and acceleration of the platform at n samples, world axes; NaN where the pose is singular.
+    """Twist and acceleration of the platform in one pose, or in n, world axes.
+
+    NaN where the pose is singular, or was not found.
 
     Attributes:
-        velocity: (n, 3) of O1 [m/s].
-        angular_velocity: (n, 3) [rad/s].
-        acceleration: (n, 3) of O1 [m/s^2]; None where length accelerations are not given.
-        angular_acceleration: (n, 3) [rad/s^2]; None likewise.
+        velocity: (3,) or (n, 3) of O1 [m/s].
+        angular_velocity: (3,) or (n, 3) [rad/s].
+        acceleration: (3,) or (n, 3) of O1 [m/s^2]; None where length accelerations are not given.
+        angular_acceleration: (3,) or (n, 3) [rad/s^2]; None likewise.
     """
 
     velocity: Array
@@ -53,20 +56,41 @@ def forward_rates(
 
     Args:
         mechanism: its geometry is all that is needed.
-        poses: `position` (n, 3) [m] and `rotation` (n, 3, 3), as what `forward_kinematics` returns, a motion
-            or a state has them.
-        length_rates: (n, 6) [m/s].
-        length_accelerations: (n, 6) [m/s^2]; none leave the platform's acceleration out.
+        poses: `position` (3,) or (n, 3) [m] and `rotation` (3, 3) or (n, 3, 3), as what `forward_kinematics`
+            returns, a pose, a motion or a state has them.
+        length_rates: (6,) of a single pose, or (n, 6) [m/s].
+        length_accelerations: (6,) or (n, 6) [m/s^2]; none leave the platform's acceleration out.
 
     Raises:
-        InputError: arrays of other shapes, or with entries that are not finite.
+        InputError: arrays of other shapes, or with entries that are not finite; not a mechanism or poses.
     """
-    n = len(poses.position)
-    rates = frozen(length_rates, (n, 6), "length_rates", InputError)
+    mechanism, shape = mechanism_of(mechanism), _shape(poses)
+    rates = frozen(length_rates, shape, "length_rates", InputError)
     accelerations = None
     if length_accelerations is not None:
-        accelerations = frozen(length_accelerations, (n, 6), "length_accelerations", InputError)
+        accelerations = frozen(length_accelerations, shape, "length_accelerations", InputError)
     position, rotation = np.asarray(poses.position), np.asarray(poses.rotation)
+    if len(shape) > 1:
+        return _rates(mechanism, position, rotation, rates, accelerations)
+    more = None if accelerations is None else accelerations[None]
+    found = _rates(mechanism, position[None], rotation[None], rates[None], more)
+    return PlatformRates(**{name: array[0] for name, array in found.arrays.items() if array is not None})
+
+
+def _shape(poses: Any) -> tuple[int, ...]:
+    """Returns the shape of rates in these poses."""
+    shape, turn = (np.shape(getattr(poses, name, ())) for name in ("position", "rotation"))
+    if shape[-1:] != (3,) or len(shape) > 2 or turn != (*shape, 3):
+        allowed = "position and rotation of one pose or of n, as what forward_kinematics returns, or a motion"
+        raise InputError("poses", poses, allowed)
+    return (*shape[:-1], 6)
+
+
+def _rates(
+    mechanism: Mechanism, position: Array, rotation: Array, rates: Array, accelerations: Array | None
+) -> PlatformRates:
+    """Returns the motion of the platform in n poses."""
+    n = len(position)
     twist, acceleration = np.empty((n, 6)), np.empty((n, 6))
     for start in range(0, n, _BLOCK):
         part = slice(start, start + _BLOCK)

@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sixsps.arguments import mechanism_of
 from sixsps.arrays import Array, frozen
-from sixsps.errors import InputError, MotionError
+from sixsps.errors import InputError
 from sixsps.margins import leg_vectors
 from sixsps.mechanism import Mechanism
-from sixsps.motion import Motion
-from sixsps.pose import Pose
+from sixsps.pose_arrays import pose_arrays
 from sixsps.rotation import cross
 from sixsps.singularity import SINGULAR_CONDITION, condition_numbers
 
+# What a characteristic length may be off the mechanism's by: all poses are singular long before.
+_FACTOR = 1e20
 # Samples whose arrays stay in the cache.
 _BLOCK = 1024
-# A matrix further from orthogonal than this was not meant as a rotation.
-_ORTHOGONAL = 1e-6
 # Of the 64 corners of a cube of errors, those that are not the opposite of another.
 _CORNERS = np.array([(1.0, *signs) for signs in itertools.product((1.0, -1.0), repeat=5)])
 
@@ -70,65 +70,37 @@ def quality(mechanism: Mechanism, poses: Any, length: float | None = None) -> Qu
 
     Args:
         mechanism: geometry.
-        poses: a motion of n samples, one pose, a list of n poses, or a pair of positions (n, 3) [m] and
-            rotation matrices (n, 3, 3).
+        poses: a motion of n samples, what `forward_kinematics` or `assembly_modes` returns, one pose, a list
+            of n poses, or a pair of positions (n, 3) [m] and rotation matrices (n, 3, 3) or quaternions
+            (n, 4) w, x, y, z.
         length: characteristic length [m]; by default the mechanism's, the root mean square distance of the
             platform anchors from O1.
 
     Raises:
         MotionError: not poses.
-        InputError: a length that is not above 0.
+        InputError: a length that is not above 0, or not a mechanism.
     """
     position, rotation = pose_arrays(poses)
-    size = mechanism.characteristic_length
-    if length is not None:
-        size = float(frozen(length, (), "length", InputError))
-        if size <= 0:
-            raise InputError("length", length, "> 0 [m]")
+    size = characteristic_length(mechanism_of(mechanism), length)
     starts = range(0, max(len(position), 1), _BLOCK)
     blocks = [(position[start : start + _BLOCK], rotation[start : start + _BLOCK]) for start in starts]
     columns = zip(*(_block(mechanism, *block, size) for block in blocks), strict=True)
     return Quality(size, *(np.concatenate(column) for column in columns))
 
 
-def pose_arrays(poses: Any) -> tuple[Array, Array]:
-    """Returns positions (n, 3) [m] and rotation matrices (n, 3, 3) of what `quality` takes for poses.
+def characteristic_length(mechanism: Mechanism, length: float | None) -> float:
+    """Returns a characteristic length [m] as given, or the mechanism's.
 
     Raises:
-        MotionError: not poses.
+        InputError: not a length, or one so far from the mechanism's that determinants leave float64.
     """
-    if isinstance(poses, Motion):
-        return poses.position, poses.rotation
-    if isinstance(poses, Pose):
-        return poses.position[None], poses.rotation[None]
-    if isinstance(poses, tuple | list) and poses:
-        if len(poses) == 2 and _rank(poses[0]) == 2:
-            return _checked(*poses)
-        # One pair of position and orientation, or poses one by one.
-        each = [Pose.of(pose) for pose in ([poses] if _rank(poses[0]) == 1 else poses)]
-        return np.array([pose.position for pose in each]), np.array([pose.rotation for pose in each])
-    return pose_arrays(Pose.of(poses))
-
-
-def _rank(value: Any) -> int:
-    """Returns the number of dimensions of numbers, -1 of what is no array of such."""
-    try:
-        array = np.asarray(value)
-    except ValueError:  # a position and an orientation, which differ in shape
-        return -1
-    return array.ndim if array.dtype.kind in "iuf" else -1
-
-
-def _checked(positions: Any, rotations: Any) -> tuple[Array, Array]:
-    position = frozen(positions, (None, 3), "position", MotionError)
-    rotation = frozen(rotations, (len(position), 3, 3), "rotation", MotionError)
-    off = np.abs(rotation @ np.swapaxes(rotation, 1, 2) - np.eye(3)).max(axis=(1, 2))
-    wrong = (off > _ORTHOGONAL) | (np.linalg.det(rotation) < 0)
-    if wrong.any():
-        index = int(np.argmax(wrong))
-        allowed = "orthogonal matrices of determinant +1"
-        raise MotionError(f"rotation, index {index}", rotation[index].tolist(), allowed)
-    return position, rotation
+    own = mechanism.characteristic_length
+    if length is None:
+        return own
+    size = float(frozen(length, (), "length", InputError))
+    if not own / _FACTOR <= size <= own * _FACTOR:
+        raise InputError("length", length, f"{own / _FACTOR:.3g} to {own * _FACTOR:.3g} [m]")
+    return size
 
 
 def jacobians(mechanism: Mechanism, position: Array, rotation: Array) -> tuple[Array, Array]:

@@ -252,8 +252,8 @@ class TestEngine:
         assert kernel.cache_info().misses == made
 
     def test_works_on_one_thread(self, wu2012, monkeypatch):
-        monkeypatch.setattr("sixsps.kernels.model.Thread", None)
-        monkeypatch.setattr("sixsps.kernels.model.os", None)
+        monkeypatch.setattr("sixsps.kernels.sharing.Thread", None)
+        monkeypatch.setattr("sixsps.kernels.sharing.os", None)
         found = Fast(wu2012).inverse_dynamics(bundled("line", wu2012, 30_000), lambda done: None)
         assert np.isfinite(found.forces).all()
 

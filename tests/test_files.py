@@ -2,6 +2,7 @@
 
 import errno
 import stat
+from contextlib import suppress
 
 import pyarrow as pa
 import pyarrow.csv
@@ -11,7 +12,7 @@ from cases import still
 from texts import FORMATS
 
 from sixsps.errors import OutputError
-from sixsps.files import output_folder, write_atomically
+from sixsps.files import filled_folder, output_folder, write_atomically
 
 
 def snapshot(folder):
@@ -86,3 +87,22 @@ def test_an_output_folder_is_made_where_its_parent_exists(tmp_path):
         with pytest.raises(OutputError, match=r"output: .*; allowed: "):
             output_folder(path)
     assert {path.name for path in tmp_path.iterdir()} == {"file", "new"}
+
+
+@pytest.mark.parametrize("failure", [None, ValueError(), KeyboardInterrupt()])
+def test_a_folder_that_stays_empty_goes_again(tmp_path, failure):
+    with suppress(ValueError, KeyboardInterrupt), filled_folder(tmp_path / "new") as folder:
+        assert folder.is_dir()
+        if failure:
+            raise failure
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_with_something_in_it_or_that_was_there_stays(tmp_path):
+    (tmp_path / "old").mkdir()
+    for name in ("old", "new"):
+        with suppress(ValueError), filled_folder(tmp_path / name) as folder:
+            if name == "new":
+                (folder / "part").write_text("kept")
+            raise ValueError
+    assert {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*")} == {"old", "new", "new/part"}

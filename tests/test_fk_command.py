@@ -95,7 +95,11 @@ def test_rows_without_a_pose_are_told(tmp_path):
     unreachable = np.flatnonzero(status == "unreachable")
     assert len(unreachable) >= 3
     first = f"first at t = {MOTION.time[7]:g} s (row 8)"
-    assert done.stderr == f"sixsps: unreachable, no pose: {len(unreachable)} of 60 rows, {first}\n"
+    assert done.stderr.splitlines() == [
+        f"sixsps: unreachable, no pose has such lengths: 3 of 60 rows, {first}",
+        "sixsps: unreachable, none found from the guess or the row before (--all seeks everywhere): "
+        f"{len(unreachable) - 3} of 60 rows, first at t = {MOTION.time[40]:g} s (row 41)",
+    ]
     for name, values in table_of(tmp_path / "motion.csv").items():
         assert np.array_equal(np.isnan(values), (status != "ok") & (name != "t")), name
 
@@ -119,7 +123,7 @@ def test_geometry_alone(tmp_path):
     write_table(columns(), tmp_path / "lengths.csv")
     done = command(tmp_path, "fk", "bare.yaml", "lengths.csv", "--output", "motion.csv")
     assert done.returncode == 2
-    assert done.stderr.startswith("sixsps: guess: missing; allowed: a pose")
+    assert done.stderr.startswith("sixsps: --guess: missing; allowed: X,Y,Z,ALPHA,BETA,GAMMA [m, rad]")
     done = command(
         tmp_path, "fk", "bare.yaml", "lengths.csv", "--guess", "0,0,0.7,0,0,0", "--output", "m.parquet"
     )
@@ -132,7 +136,7 @@ def test_all_assembly_modes(tmp_path):
     table["l4"][1] = 5.0
     done = fk(tmp_path, table, "--all", output="modes.csv")
     assert done.returncode == 1
-    assert done.stderr == f"sixsps: no pose: 1 of 3 rows, first at t = {MOTION.time[1]:g} s (row 2)\n"
+    assert done.stderr == f"sixsps: no pose found: 1 of 3 rows, first at t = {MOTION.time[1]:g} s (row 2)\n"
     found = table_of(tmp_path / "modes.csv")
     assert tuple(found) == ("t", "mode", *POSE)
     assert set(found["t"]) == set(MOTION.time[[0, 2]])

@@ -218,12 +218,31 @@ def test_array_of_one_sample_is_not_taken_unseen(value):
     "options",
     [
         {"on_failure": "ignore"}, {"max_iterations": 0}, {"max_iterations": 1.5}, {"max_iterations": True},
-        {"threads": 0},
+        {"max_iterations": 2**63}, {"max_iterations": "3"}, {"threads": 0},
     ],
 )  # fmt: skip
 def test_options_that_are_none_are_refused(options):
     with pytest.raises(InputError, match=next(iter(options))):
         sixsps.forward_kinematics(WU, np.full(6, 0.7), **options)
+
+
+def test_iterations_may_be_counted_by_numpy():
+    lengths = np.full(6, 0.7)
+    found = sixsps.forward_kinematics(WU, lengths, max_iterations=np.int64(50))
+    assert_array_equal(found.position, sixsps.forward_kinematics(WU, lengths).position)
+
+
+def test_name_of_a_mechanism_is_none():
+    with pytest.raises(InputError, match=r"mechanism: wu2012; allowed: a Mechanism, as Mechanism\.load"):
+        sixsps.forward_kinematics("wu2012", np.full(6, 0.7))
+
+
+def test_masked_lengths_are_not_taken_for_known():
+    lengths = np.ma.masked_array(np.full(6, 0.7), [1, 0, 0, 0, 0, 0])
+    with pytest.raises(InputError, match="lengths: entries that are masked"):
+        sixsps.forward_kinematics(WU, lengths)
+    none = np.ma.masked_array(np.full(6, 0.7))
+    assert sixsps.forward_kinematics(WU, none).ok
 
 
 def test_no_samples():
@@ -247,9 +266,10 @@ def test_failures_raise_unless_they_are_asked_for():
     ) as caught:
         sixsps.forward_kinematics(WU, [good, bad, good, bad])
     assert caught.value.status == "unreachable"
-    assert "2 of 4 samples" in str(caught.value)
+    assert "none found for 2 of 4 samples" in str(caught.value)
     found = sixsps.forward_kinematics(WU, [good, bad, good, bad], on_failure="return")
     assert list(found.status) == ["ok", "unreachable", "ok", "unreachable"]
+    assert list(found.proven_impossible) == [False, True, False, True]
     assert_array_equal(np.isnan(found.position).all(axis=1), ~found.ok)
     assert_array_equal(np.isnan(found.quaternion).all(axis=1), ~found.ok)
     assert apart(WU, found.position[2], found.rotation[2], found.position[0], found.rotation[0]) < 1e-14

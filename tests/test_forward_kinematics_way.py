@@ -137,6 +137,24 @@ def test_way_that_is_blocked():
     assert caught.value.status == "unreachable"
     found = sixsps.forward_kinematics(WU, legs, on_failure="return")
     assert 1e-3 < found.residual < 0.2
+    assert not found.proven_impossible
+
+
+def test_what_is_not_found_may_be_there():
+    """A pose whose lengths the straight way from home does not reach; and from it, it is found."""
+    home, found = home_position(WU), 0
+    for seed in range(40):
+        drawn = np.random.default_rng(seed)
+        position = home + drawn.uniform(-0.2, 0.2, 3)
+        rotation = Rotation.from_rotvec(drawn.uniform(-1.5, 1.5, 3)).as_matrix()
+        legs = lengths_of(WU, position, rotation)
+        lost = sixsps.forward_kinematics(WU, legs, on_failure="return")
+        assert not lost.proven_impossible
+        if lost.status == "unreachable":
+            with pytest.raises(ConvergenceError, match="no pose was found from the guess"):
+                sixsps.forward_kinematics(WU, legs)
+            found += sixsps.forward_kinematics(WU, legs, (position, rotation), on_failure="return").ok
+    assert found > 0
 
 
 def singular_pose(mechanism, seed):

@@ -307,3 +307,54 @@ def test_what_cannot_be_is_refused(wu2012):
     )
     with pytest.raises(MechanismError, match=r"limits.base_axes: missing; allowed: axes of the cones, or"):
         limit_margins(bare, motion)
+
+
+class TestPosesAndForcesThatAreNone:
+    @pytest.mark.parametrize(
+        ("position", "rotation", "says"),
+        [
+            (np.zeros((1, 3)), 2 * np.eye(3)[None], "rotation, index 0: .*orthogonal"),
+            (np.zeros((1, 3)), -np.eye(3)[None], "rotation, index 0: .*determinant"),
+            (np.full((1, 3), np.nan), np.eye(3)[None], r"position\[0, 0\]: nan"),
+            (np.zeros((1, 3)), np.full((1, 3, 3), np.inf), r"rotation\[0, 0, 0\]: inf"),
+            (np.zeros((3, 3)), np.eye(3)[None], "rotation: shape"),
+            (np.zeros(3), np.eye(3), "position: shape"),
+            ("a", "b", "position: a"),
+            (np.zeros((1, 3)), "b", "rotation: b"),
+            (np.zeros((1, 3)), np.zeros((1, 4)), "quaternion, index 0: .*above 0"),
+        ],
+    )
+    def test_poses(self, position, rotation, says):
+        with pytest.raises(MotionError, match=says) as caught:
+            pose_margins(limited(1), position, rotation)
+        assert "\n" not in str(caught.value)
+
+    def test_quaternions_serve_as_well(self):
+        mechanism = limited(1)
+        motion = random_motion(mechanism, 2, samples=5)
+        one = pose_margins(mechanism, motion.position, motion.rotation)
+        other = pose_margins(mechanism, motion.position, 1e200**0.2 * motion.quaternion)
+        for key, margin in one.limits.items():
+            np.testing.assert_allclose(other.limits[key].values, margin.values, atol=1e-14)
+
+    @pytest.mark.parametrize(
+        "forces",
+        ["x", [["a"] * 6] * 5, np.zeros((5, 6), complex), np.full((5, 6), np.inf), [[1.0], [1.0, 2.0]],
+         np.ma.masked_array(np.zeros((5, 6)), np.eye(5, 6)), np.zeros((4, 6))],
+    )  # fmt: skip
+    def test_forces(self, forces):
+        mechanism = limited(1)
+        motion = random_motion(mechanism, 2, samples=5)
+        with pytest.raises(MotionError, match="forces") as caught:
+            limit_margins(mechanism, motion, forces)
+        assert "\n" not in str(caught.value)
+
+    def test_forces_may_be_unknown_or_whole_numbers(self):
+        mechanism = limited(1)
+        motion = random_motion(mechanism, 2, samples=5)
+        forces = np.zeros((5, 6))
+        forces[2] = np.nan
+        found = limit_margins(mechanism, motion, forces).limits["max_force"]
+        assert np.isnan(found.values).all(axis=1).tolist() == [False, False, True, False, False]
+        whole = limit_margins(mechanism, motion, np.ones((5, 6), int)).limits["max_force"]
+        assert (whole.values == 1.0).all()

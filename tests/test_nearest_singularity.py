@@ -204,7 +204,15 @@ def test_no_poses_have_no_distances():
 
 @pytest.mark.parametrize(
     ("options", "says"),
-    [({"length": 0}, "length: "), ({"length": np.nan}, "length: "), ({"searched": 0}, "searched: 0")],
+    [
+        ({"length": 0}, "length: "),
+        ({"length": np.nan}, "length: "),
+        ({"searched": 0}, "searched: 0"),
+        ({"searched": "a"}, "searched: a"),
+        ({"searched": None}, "searched: None"),
+        ({"searched": True}, "searched: True"),
+        ({"searched": 1.5}, "searched: 1.5"),
+    ],
 )
 def test_what_cannot_be_is_refused(options, says):
     with pytest.raises(InputError, match=says):
@@ -264,3 +272,12 @@ class TestParts:
         ratio = np.linalg.norm(rest, axis=2) / np.sum(x**2, axis=1)[:, None] / singular_set.remainders(p)
         assert ratio.max() < 1
         assert (ratio.max(axis=0) > 0.7).all()  # and no bound is much too large
+
+
+def test_blocks_change_nothing(monkeypatch):
+    mechanism, motion = drawn(2, samples=7)
+    whole = singularity_distance(mechanism, motion)
+    monkeypatch.setattr("sixsps.nearest_singularity._BLOCK", 3)
+    parts = singularity_distance(mechanism, motion)
+    for name in ("distance", "none_within", "position", "rotation"):
+        np.testing.assert_allclose(getattr(parts, name), getattr(whole, name), rtol=1e-9, atol=1e-12)

@@ -156,7 +156,7 @@ class TestRobot:
         time = np.linspace(-1, 3, 200)
         file = joint_motion(folder, time, [f"q{joint}" for joint in range(1, 10)])
         arguments = ("--samples", 30, "--payload", "panda", "--payload-motion", file)
-        engines = ("--engine", "kane", "--engine", "drake", "--engine", "pinocchio-payload")
+        engines = ("--engine", "kane", "--engine", "mujoco", "--engine", "pinocchio-payload")
         place = ("--payload-mount", "0,0,0.1,0,0,0.5")
         assert command("compare", "taghirad2013", "sinusoids", *arguments, *engines, *place) == 0
         said = " ".join(capfd.readouterr().out.split())

@@ -108,6 +108,37 @@ def test_motion_needs_poses():
         assert list(np.isnan(array).all(axis=1)) == [False, True, False]
 
 
+def test_single_pose_has_the_rates_of_an_array_of_one():
+    motion = random_motion(WU, 5, samples=1)
+    legs = sixsps.inverse_kinematics(WU, motion)
+    lengths, rates, accelerations = legs.lengths[0], legs.length_rates[0], legs.length_accelerations[0]
+    one = sixsps.forward_kinematics(WU, lengths)
+    several = sixsps.forward_kinematics(WU, lengths[None])
+    for more in (None, accelerations):
+        found = sixsps.forward_rates(WU, one, rates, more)
+        expected = sixsps.forward_rates(WU, several, rates[None], None if more is None else more[None])
+        for name, array in found.arrays.items():
+            if more is None and "acceleration" in name:
+                assert array is None
+            else:
+                assert array.shape == (3,)
+                assert np.array_equal(array, getattr(expected, name)[0])
+    assert np.abs(found.velocity - motion.velocity[0]).max() <= 1e-12
+    pose = sixsps.Pose.of(motion)
+    assert sixsps.forward_rates(WU, pose, rates).velocity.shape == (3,)
+    lost = sixsps.forward_kinematics(WU, np.full(6, 0.01), on_failure="return")
+    assert np.isnan(sixsps.forward_rates(WU, lost, rates).velocity).all()
+    for wrong in (rates[None], np.ones(5), "x"):
+        with pytest.raises(InputError, match="length_rates"):
+            sixsps.forward_rates(WU, one, wrong)
+
+
+@pytest.mark.parametrize("poses", ["x", None, (np.zeros(3), np.eye(3)), np.zeros((2, 3))])
+def test_rates_need_poses(poses):
+    with pytest.raises(InputError, match="poses: "):
+        sixsps.forward_rates(WU, poses, np.ones(6))
+
+
 def test_singular_poses_have_no_rates():
     """wu2012 turned by a right angle about its axis; and a leg without length."""
     turned = Rotation.from_rotvec([0, 0, np.pi / 2]).as_quat(scalar_first=True)

@@ -176,3 +176,52 @@ def test_a_length_that_cannot_be_is_refused(length):
     mechanism, motion = drawn(1)
     with pytest.raises(InputError, match="length: "):
         quality(mechanism, motion, length=length)
+
+
+def test_what_forward_kinematics_and_assembly_modes_return_are_poses():
+    mechanism = Mechanism.load("wu2012")
+    lengths = [[0.7, 0.72, 0.68, 0.7, 0.71, 0.69], [0.7] * 6, [0.71] * 6]
+    found = sixsps.forward_kinematics(mechanism, lengths)
+    expected = quality(mechanism, (found.position, found.rotation))
+    np.testing.assert_allclose(quality(mechanism, found).condition, expected.condition, rtol=1e-12)
+    turned = quality(mechanism, (found.position, -3e-200 * found.quaternion))
+    np.testing.assert_allclose(turned.condition, expected.condition, rtol=1e-12)
+    distance = sixsps.singularity_distance(mechanism, found)
+    assert distance.distance.shape == (3,)
+    single = sixsps.forward_kinematics(mechanism, lengths[0])
+    assert quality(mechanism, single).condition[0] == pytest.approx(expected.condition[0], rel=1e-12)
+    modes = sixsps.assembly_modes(mechanism, lengths[0])
+    assert len(modes) > 1
+    one_by_one = [quality(mechanism, mode).condition[0] for mode in modes]
+    np.testing.assert_allclose(quality(mechanism, modes).condition, one_by_one, rtol=1e-9)
+    assert len(quality(mechanism, sixsps.assembly_modes(mechanism, [0.7] * 5 + [2.0]))) == 0
+    state = sixsps.State(found.position, found.quaternion, np.zeros((3, 3)), np.zeros((3, 3)))
+    np.testing.assert_allclose(quality(mechanism, state).condition, expected.condition, rtol=1e-12)
+    lost = sixsps.forward_kinematics(mechanism, [[0.7] * 6, [0.7] * 5 + [2.0]], on_failure="return")
+    with pytest.raises(MotionError, match=r"position\[1, 0\]: nan"):
+        quality(mechanism, lost)
+
+
+@pytest.mark.parametrize("length", [1e-300, 1e-22, 1e22, 1e60, True])
+def test_lengths_whose_cubes_are_no_numbers_are_refused(length):
+    mechanism, motion = drawn(1)
+    for function in (quality, sixsps.singularity_distance):
+        with pytest.raises(InputError, match="length: "):
+            function(mechanism, motion, length=length)
+
+
+@pytest.mark.parametrize("factor", [1e-19, 1e19])
+def test_lengths_far_from_the_mechanism_give_numbers(factor):
+    """All poses are singular by their condition number; nothing overflows on the way."""
+    mechanism, motion = drawn(1)
+    length = factor * mechanism.characteristic_length
+    assert np.isposinf(quality(mechanism, motion, length=length).condition).all()
+    distance = sixsps.singularity_distance(mechanism, motion, length=length)
+    assert (distance.distance == 0).all()
+    assert (distance.none_within == 0).all()
+
+
+def test_name_of_a_mechanism_is_none():
+    for function in (quality, sixsps.singularity_distance):
+        with pytest.raises(InputError, match="mechanism: wu2012"):
+            function("wu2012", drawn(1)[1])

@@ -176,7 +176,7 @@ class TestOptions:
             result.stderr,
         )
         assert result.stdout == ""
-        assert list((tmp_path / "out").iterdir()) == []
+        assert not (tmp_path / "out").exists()
 
 
 def test_a_spent_budget_is_told(pair, tmp_path):
@@ -238,4 +238,11 @@ def test_a_mechanism_without_length_limits_leaves_no_folder(tmp_path):
     done = command("dietmaier1998", "--output", tmp_path / "left")
     assert done.returncode == 2
     assert "legs.length_limits: missing" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_reference_outside_the_limits_leaves_no_folder(tmp_path):
+    done = command("wu2012", "--position", "0,0,9", "--output", tmp_path / "left")
+    assert done.returncode == 1
+    assert "the reference pose at 0, 0, 9 m breaks a limit" in done.stderr
     assert list(tmp_path.iterdir()) == []

@@ -8,6 +8,7 @@ import pytest
 from cases import scaled
 from scipy.spatial.transform import Rotation
 
+from sixsps.errors import InputError
 from sixsps.home import home_position
 from sixsps.mechanism import Mechanism
 from sixsps.workspace import constant_orientation_workspace, orientation_workspace
@@ -183,3 +184,43 @@ def test_another_world_frame_changes_no_orientation():
     assert other.converged
     assert max(one.volume[0], other.volume[0]) <= min(one.volume[1], other.volume[1])
     assert max(one.inscribed[0], other.inscribed[0]) <= min(one.inscribed[1], other.inscribed[1])
+
+
+@pytest.mark.parametrize("search", [constant_orientation_workspace, orientation_workspace])
+@pytest.mark.parametrize("room", [1e-9, 1e-6, 1e-3])
+def test_ball_of_tiny_strokes(wu2012, search, room):
+    """Every leg's length has `room` to both sides: the ball is that over the steepest slope of a length."""
+    anchors = wu2012.base_anchors, wu2012.platform_anchors
+    home = home_position(wu2012)
+    legs = home + anchors[1] - anchors[0]
+    lengths = np.linalg.norm(legs, axis=1)
+    limits = np.column_stack([lengths - room, lengths + room])
+    mechanism = Mechanism.geometry("narrow", *anchors, limits)
+    lower, upper = search(mechanism, position=home, tolerance=0.1, cells=5000).inscribed
+    slopes = np.eye(3) if search is constant_orientation_workspace else anchors[1]
+    directions = legs / lengths[:, None]
+    if search is constant_orientation_workspace:
+        steepest = 1.0
+    else:
+        steepest = np.linalg.norm(np.cross(slopes, directions), axis=1).max()
+    exact = room / steepest
+    # Second order of the lengths, and their rounding.
+    off = 20 * exact**2 / lengths.min() + 1e-13 / steepest
+    assert 0.9 * (exact - off) <= lower <= exact + off
+    assert exact - off <= upper <= 1.2 * (exact + off)
+    assert lower <= upper
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        *({"tolerance": value} for value in ("x", None, np.nan, 0, 1, True)),
+        *({"cells": value} for value in (1000.5, np.nan, "x", None, True, 999)),
+    ],
+)
+@pytest.mark.parametrize("search", [constant_orientation_workspace, orientation_workspace])
+def test_options_that_are_none_are_refused(wu2012, search, options):
+    with pytest.raises(InputError, match=f"{next(iter(options))}: .*; allowed: "):
+        search(wu2012, **options)
+    with pytest.raises(InputError, match="mechanism: wu2012"):
+        search("wu2012")

@@ -20,6 +20,8 @@ _BLOCK = 4096
 _WORKERS = 4
 # A point on a face of a cell, up to rounding, is in it.
 EDGE = 1e-9
+# Rounding of a cell's place, of the size of the root.
+_PLACED = 8 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +91,9 @@ def _judge(constraints: Constraints, centre: Array, half: Array, regular: Boolea
     limit = np.where(state == INSIDE, -1, everything.argmin(axis=1))
     lower, upper = np.where(state == INSIDE, 1.0, 0.0), np.where(state == OUTSIDE, 0.0, 1.0)
     box = half * np.linalg.norm(np.maximum(np.abs(centre) / half[:, None] - 1, 0), axis=1)
-    near = np.where(state == INSIDE, np.inf, box)
-    far = np.where(state == OUTSIDE, box, np.inf)
+    slack = _PLACED * float(np.abs(constraints.chart.root[0]).max() + constraints.chart.root[1])
+    near = np.where(state == INSIDE, np.inf, np.maximum(box - slack, 0.0))
+    far = np.where(state == OUTSIDE, box + slack, np.inf)
     corners = np.repeat((state == INSIDE)[:, None], 8, axis=1)
     holds = (state == INSIDE) & (np.abs(centre) <= half[:, None] * (1 + EDGE)).all(axis=1)
     at = np.flatnonzero(state == BOUNDARY)
@@ -136,5 +139,6 @@ def _distances(f: Scalars, point: Array, least: Array) -> tuple[Array, Array]:
     reached = np.where(flat | ~np.isfinite(outer), 0.0, outer)
     foot = point[:, None] - (reached / safe)[..., None] * f.slope
     known = ~flat & np.isfinite(outer) & (np.abs(foot) <= 1).all(axis=-1)
-    far = np.where(known, np.maximum(outer, 0.0), np.inf).min(axis=1)
+    # Of a point that is not in the cube, that plane says nothing: it may seem to be beyond it.
+    far = np.where(known, np.abs(outer), np.inf).min(axis=1)
     return near, far

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sixsps.arrays import Array
+from sixsps.arguments import mechanism_of, whole_number
+from sixsps.arrays import Array, frozen
 from sixsps.errors import InputError
 from sixsps.home import home_position
 from sixsps.margins import pose_margins
@@ -51,7 +52,7 @@ def constant_orientation_workspace(
     Raises:
         MechanismError: no length limits.
         MotionError: not a pose.
-        InputError: a tolerance or number of cells out of range.
+        InputError: a tolerance or number of cells out of range, or not a mechanism.
         EmptyWorkspaceError: the reference pose breaks a limit.
     """
     pose = _reference(mechanism, position, rotation)
@@ -80,21 +81,25 @@ def orientation_workspace(
 
 
 def _reference(mechanism: Mechanism, position: ArrayLike | None, rotation: ArrayLike | None) -> Pose:
-    home = home_position(mechanism)
+    home = home_position(mechanism_of(mechanism))
     return Pose.of((home if position is None else position, np.eye(3) if rotation is None else rotation))
 
 
 def _workspace(
     chart: Chart, singularity: bool, tolerance: float, cells: int, watch: Watch | None
 ) -> Workspace:
-    if not 0 < tolerance < 1:
-        raise InputError("tolerance", tolerance, "above 0 and below 1")
-    if cells < _FEWEST:
-        raise InputError("cells", cells, f"at least {_FEWEST}")
+    tolerance, cells = _tolerance(tolerance), whole_number(cells, "cells", _FEWEST)
     constraints = Constraints(chart, singularity)
     _check_reference(constraints)
     tree = refine(constraints, tolerance, cells, watch or (lambda *_: None))
     return _result(constraints, tree, tolerance)
+
+
+def _tolerance(given: float) -> float:
+    tolerance = float(frozen(given, (), "tolerance", InputError))
+    if not 0 < tolerance < 1:
+        raise InputError("tolerance", given, "above 0 and below 1")
+    return tolerance
 
 
 def _check_reference(constraints: Constraints) -> None:
