@@ -1,7 +1,13 @@
 """Where paths to a mechanism's poses start: all its complex poses with one generic set of complex lengths.
 
 Paths from there change the lengths alone, take a quarter of the steps of those from another mechanism, and
-none leads to infinity, however special the anchors are. Made once for a mechanism and the size of its legs.
+none leads to infinity, however special the anchors are. Made once for a mechanism and the octave of its legs'
+root mean square length: lengths of another octave cost the first call's time again.
+
+Special anchors have fewer poses than their class, whatever the lengths: the others are at infinity. Float64
+does not tell these from poses far away, which anchors that are special up to a small number have: that they
+are at infinity is found out numerically, never proven, and nearly special anchors give themselves away by
+poses that cannot be certified, although the lengths are generic.
 """
 
 from __future__ import annotations
@@ -30,6 +36,8 @@ _QUIET, _MOST_LOOPS = 12, 100
 _NOTHING, _BY_OCTAVE, _ROUNDING = 1e-10, 2.0**-8, 1e-15
 # The same of ends that are singular, and known less well.
 _NEAR_NOTHING = 1e-6
+# Octave of the shortest lengths that paths start from.
+_SHORT = -2
 # Paths go to infinity at their end, not before: one that did got onto the set at infinity by mistake.
 _LATE = 0.99
 
@@ -43,12 +51,22 @@ class LengthsStart:
         legs: (6, 7) in the frame of the mechanism.
         solutions: (n, 8) coordinates, of length one.
         unaccounted: poses of the class that were neither found nor are at infinity.
+        infinite: poses of the class that were followed to infinity.
+        doubtful: whether some of the solutions could not be certified; there may be doubles among them.
     """
 
     general: StartSystem
     legs: Complex
     solutions: Complex
-    unaccounted: int
+    unaccounted: int = 0
+    infinite: int = 0
+    doubtful: bool = False
+
+    @property
+    def expected(self) -> int:
+        """How many solutions there are with generic lengths; those of the class, at most, where in doubt."""
+        most = len(self.general.solutions)
+        return most if self.doubtful else min(len(self.solutions), most)
 
 
 def lengths_start(frame: Frame, base: Array, platform: Array) -> LengthsStart:
@@ -61,7 +79,7 @@ def lengths_start(frame: Frame, base: Array, platform: Array) -> LengthsStart:
     """
     mean = float(np.mean(frame.lengths**2))
     octave = round(math.log2(mean) / 2) if mean > 0 else 0
-    return _made(base.tobytes(), platform.tobytes(), max(octave, -2))
+    return _made(base.tobytes(), platform.tobytes(), max(octave, _SHORT))
 
 
 @lru_cache(maxsize=64)
@@ -75,14 +93,19 @@ def _made(base: bytes, platform: bytes, octave: int) -> LengthsStart:
         paths = follow(general.legs, legs, general.solutions, settings)
         solutions = _unit(paths.ends)
         if paths.arrived.all() and _all_proven(frame, legs, solutions):
-            return LengthsStart(general, legs, solutions, 0)
+            return LengthsStart(general, legs, solutions)
     least = max(_NOTHING * _BY_OCTAVE ** max(octave - 2, 0), _ROUNDING)
     known = different(np.concatenate([_finite(paths, least), _by_detours(general, legs, least)]))
     infinite, proven = _ended(general, frame, legs, paths, least)
     known = _closed(legs, different(np.concatenate([known, proven])), octave, random)
     if not len(known):  # every pose is singular: generic lengths have none
-        return LengthsStart(general, general.legs, general.solutions, 0)
-    return LengthsStart(general, legs, known, max(len(solutions) - len(known) - infinite, 0))
+        return LengthsStart(general, general.legs, general.solutions)
+    lost = len(solutions) - len(known)
+    unaccounted = max(lost - infinite, 0)
+    doubtful = not _all_proven(frame, legs, known.copy()) or _more_elsewhere(
+        general, frame, len(known), random
+    )
+    return LengthsStart(general, legs, known, unaccounted, max(lost - unaccounted, 0), doubtful)
 
 
 def _finite(paths: Paths, least: float) -> Complex:
@@ -114,6 +137,18 @@ def _ended(
             found[k], near[k] = end.x, squares(end.x)
     proven = (certified(frame, legs, found)[0] != UNPROVEN) & (near > least)
     return int(np.sum(there) + np.sum(~proven & (near < _NEAR_NOTHING))), _unit(found[proven])
+
+
+def _more_elsewhere(general: StartSystem, frame: Frame, count: int, random: np.random.Generator) -> bool:
+    """Returns whether more poses than that are certified with short legs, where they are less far away."""
+    legs = _with_lengths(frame.legs, _SHORT, random)
+    paths = follow(general.legs, legs, general.solutions, CAREFUL)
+    solutions = _unit(paths.ends)
+    kinds, radii = certified(frame, legs, solutions)
+    proven = kinds != UNPROVEN
+    doubles = np.zeros(int(proven.sum()), np.bool_)
+    all_distinct(solutions[proven], radii[proven], doubles)
+    return int(np.sum(~doubles)) > count
 
 
 def squares(x: Complex) -> Array:

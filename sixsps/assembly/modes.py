@@ -31,7 +31,10 @@ class AssemblyMode(Pose):
 
 @dataclass(frozen=True, eq=False)
 class SingularMode(Pose):
-    """A pose with the given leg lengths at which the legs do not hold the platform; found, not proven.
+    """A pose at which the legs do not hold the platform; found, not proven.
+
+    Its lengths are the given ones; where it was found next to complex solutions alone (`split`), they differ
+    from these by no more than the rounding of lengths computed at it.
 
     Attributes:
         position: (3,) platform origin O1, world frame [m].
@@ -39,11 +42,14 @@ class SingularMode(Pose):
         residual: largest |length - given length| [m].
         multiplicity: how many solutions come together here.
         dimension: of the set of poses with these lengths around this one: 0 where it is isolated.
+        split: how many of these solutions are kept from being real and here by rounding of the lengths alone;
+            they are certified ones that are not real, and counted by `AssemblyModes.certified`, too.
     """
 
     residual: float
     multiplicity: int
     dimension: int
+    split: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +68,11 @@ class AssemblyModes(Sequence[AssemblyMode]):
         certified: solutions that are proven to exist and to differ, the poses among them; each of the others
             is proven not to be real.
         at_infinity: paths that led to no pose: the platform went to infinity.
-        singular: isolated real poses where solutions come together.
-        non_isolated: one pose each of sets of poses with these lengths: the platform can move.
+        always_at_infinity: solutions that other mechanisms have whose legs share anchors alike, and that
+            these anchors send to infinity whatever the lengths, as paths show; not among those expected.
+        singular: isolated real poses where solutions come together, but for rounding of the lengths.
+        non_isolated: one pose for each path that ended in a set of poses with these lengths: the platform
+            can move. Several may belong to one set.
         complex_singular: paths that came together at poses that are not real.
         complex_non_isolated: paths that ended in sets of solutions in which no real one was found.
         unresolved: solutions of which nothing is known; 0 unless the computation failed.
@@ -79,6 +88,7 @@ class AssemblyModes(Sequence[AssemblyMode]):
     expected: int
     certified: int
     at_infinity: int = 0
+    always_at_infinity: int = 0
     singular: tuple[SingularMode, ...] = ()
     non_isolated: tuple[SingularMode, ...] = ()
     complex_singular: int = 0
@@ -91,16 +101,18 @@ class AssemblyModes(Sequence[AssemblyMode]):
         """What it rests on that there are no more isolated poses.
 
         `proven`: as many different solutions are certified as any hexapod has at most, 40.
-        `counted`: as many are certified as the mechanism has with generic lengths; that is computed (by
-            paths from a generic mechanism of the class, and monodromy), not proven.
-        `followed`: what is missing of that number was followed, numerically, to infinity or a singular pose.
-        `open`: solutions are unaccounted for.
+        `counted`: as many are certified as generic mechanisms have whose legs share anchors alike; that
+            number is computed (by monodromy, and from the general class), not proven.
+        `followed`: what is missing of that number was followed, numerically, to infinity or a singular pose:
+            with these lengths, or with all lengths where the anchors are special.
+        `open`: solutions are unaccounted for, or the anchors are so nearly special that it is not known.
         """
         if self.certified >= self.bound:
             return PROVEN
         if self.unresolved:
             return OPEN
-        return COUNTED if self.certified >= self.expected else FOLLOWED
+        counted = self.certified >= self.expected and not self.always_at_infinity
+        return COUNTED if counted else FOLLOWED
 
     @property
     def complete(self) -> bool:

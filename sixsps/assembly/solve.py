@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,8 @@ from sixsps.assembly.endgame import CAREFUL, DETOURS, End, ends
 from sixsps.assembly.frame import Frame
 from sixsps.assembly.lengths_start import LengthsStart, lengths_start
 from sixsps.assembly.modes import AssemblyModes, SingularMode
+from sixsps.assembly.nearly_real import nearly_real, residual
+from sixsps.assembly.partners import candidates, paired
 from sixsps.assembly.paths import Settings, follow
 from sixsps.assembly.start_systems import MOST, Complex
 from sixsps.errors import MotionError
@@ -24,6 +26,9 @@ from sixsps.mechanism import Mechanism
 _SAME = 1e-9
 # Imaginary parts of the ends of paths at singular real solutions, known to some 1e-8, are below that.
 _REAL = 1e-6
+# Where more solutions are unresolved, it is not for a pair or two that lie close together; and places next to
+# such from which Newton's method is started, enough for ten pairs.
+_MOST_PARTNERS, _MOST_PLACES = 6, 200
 
 
 @dataclass(eq=False)
@@ -114,6 +119,16 @@ def modes_of(base: Array, platform: Array, lengths: Array) -> AssemblyModes:
 
 def findings(problem: Problem) -> Findings:
     """Returns what paths find."""
+    found = _found(problem)
+    if problem.start.doubtful:
+        # paths from doubles end twice: that all of them are accounted for says nothing
+        known = len(found.x) + found.infinite + len(found.singular) + len(found.moving)
+        rest = problem.start.expected - known
+        found.unresolved = max(rest, 1) if len(found.x) < problem.start.expected else 0
+    return found
+
+
+def _found(problem: Problem) -> Findings:
     found = Findings(unresolved=problem.start.unaccounted)
     start, legs = problem.start, problem.frame.legs
     missing = _attempt(problem, found, start.solutions, [start.legs, legs], Settings())
@@ -122,6 +137,8 @@ def findings(problem: Problem) -> Findings:
     missing = _attempt(problem, found, start.solutions[missing], [start.legs, legs], CAREFUL, missing)
     if len(missing):
         _explain(problem, found, start.solutions[missing])
+    if 0 < found.unresolved - start.unaccounted <= _MOST_PARTNERS:
+        _seek_partners(problem, found, start.solutions[missing])
     for detour in DETOURS if found.unresolved > start.unaccounted else ():
         between = start.legs + detour * (legs - start.legs)
         _attempt(problem, found, start.solutions, [start.legs, between, legs], CAREFUL)
@@ -169,17 +186,35 @@ def _explain(problem: Problem, found: Findings, solutions: Complex) -> None:
                 found.unresolved += 1
 
 
+def _seek_partners(problem: Problem, found: Findings, solutions: Complex) -> None:
+    """Looks for unresolved solutions next to certified ones and where paths from `solutions` stop."""
+    system = System.of(problem.frame.legs)
+    stopped = follow(problem.start.legs, problem.frame.legs, solutions, CAREFUL).ends
+    # a copy: more are found meanwhile. The lengths are real: with a solution its conjugate is one
+    places = [x / np.linalg.norm(x) for x in (*stopped, *found.x)]
+    apart = [x.conj() for x, kind in zip(found.x, found.kinds, strict=True) if kind == NOT_REAL]
+    near = (one for x in places if paired(system, x) for one in candidates(system, x))
+    for x in (*apart, *islice(near, _MOST_PLACES)):
+        if found.unresolved == problem.start.unaccounted:
+            return
+        if _prove_at(problem, found, x):
+            found.unresolved -= 1
+
+
 def _prove(problem: Problem, found: Findings, end: End) -> bool:
     """Returns whether the end of a path is a solution that was new and could be certified."""
+    return any(_prove_at(problem, found, x) for x in (end.near, end.x))
+
+
+def _prove_at(problem: Problem, found: Findings, x: Complex) -> bool:
+    """Returns whether Newton's method from x (8,) finds a solution that was new and could be certified."""
     from sixsps.assembly.exact import prove
 
-    for x in (end.near, end.x):
-        exact = prove(problem.base, problem.platform, problem.lengths, problem.frame, x)
-        if exact is not None and exact.finite:
-            kind = np.array([REAL if exact.real else NOT_REAL])
-            if found.add(exact.x[None], np.array([exact.radius]), kind).all():
-                return True
-    return False
+    exact = prove(problem.base, problem.platform, problem.lengths, problem.frame, x)
+    if exact is None or not exact.finite:
+        return False
+    kind = np.array([REAL if exact.real else NOT_REAL])
+    return bool(found.add(exact.x[None], np.array([exact.radius]), kind).all())
 
 
 def _told(problem: Problem, found: Findings) -> AssemblyModes:
@@ -190,31 +225,36 @@ def _told(problem: Problem, found: Findings) -> AssemblyModes:
     position_radius, rotation_radius = problem.frame.radii(x, found.radius[real])
     order = np.lexsort(position.T)
     legs = position[:, None] + problem.platform @ rotation.transpose(0, 2, 1) - problem.base
-    residual = np.abs(np.sqrt(np.sum(legs**2, axis=-1)) - problem.lengths).max(axis=-1, initial=0)
+    off = np.abs(np.sqrt(np.sum(legs**2, axis=-1)) - problem.lengths).max(axis=-1, initial=0)
     modes = AssemblyModes(
         position=_read_only(position[order]),
         quaternion=_read_only(quaternion[order]),
         rotation=_read_only(rotation[order]),
-        residual=_read_only(residual[order]),
+        residual=_read_only(off[order]),
         position_radius=_read_only(position_radius[order]),
         rotation_radius=_read_only(rotation_radius[order]),
         pattern=problem.start.general.pattern.name,
-        expected=len(problem.start.solutions),
+        expected=problem.start.expected,
         certified=len(found.x),
+        always_at_infinity=problem.start.infinite,
         at_infinity=found.infinite,
         unresolved=found.unresolved,
         bound=MOST,
     )
-    return _with_singular(problem, modes, found) if found.singular or found.moving else modes
+    return _with_singular(problem, modes, found)
 
 
 def _with_singular(problem: Problem, modes: AssemblyModes, found: Findings) -> AssemblyModes:
+    given = problem.frame, problem.base, problem.platform, problem.lengths
+    split = [x.astype(np.complex128) for x in nearly_real(*given, found.x[found.kinds == NOT_REAL])]
+    if not (split or found.singular or found.moving):
+        return modes
     isolated: list[SingularMode] = []
     moving: list[SingularMode] = []
     counts = [0, 0]
-    for x, multiplicity in _grouped(found.singular):
+    for x, multiplicity, apart in _grouped(split, [end.x for end in found.singular]):
         if np.abs(x.imag).max() < _REAL:
-            isolated.append(_singular_mode(problem, x.real, multiplicity, 0))
+            isolated.append(_singular_mode(problem, x.real, multiplicity, 0, apart))
         else:
             counts[0] += multiplicity
     system = System.of(problem.frame.legs)
@@ -233,26 +273,26 @@ def _with_singular(problem: Problem, modes: AssemblyModes, found: Findings) -> A
     )
 
 
-def _grouped(singular: list[End]) -> list[tuple[Complex, int]]:
-    """Returns the different ends of paths and how many there are of each, real ones turned real."""
-    groups: list[tuple[Complex, int]] = []
-    for end in singular:
-        x = end.x * np.conj(end.x[np.argmax(np.abs(end.x))])
-        x = x / np.linalg.norm(x)
-        for k, (other, count) in enumerate(groups):
+def _grouped(split: list[Complex], singular: list[Complex]) -> list[tuple[Complex, int, int]]:
+    """Returns the different ones of points (8,), how many there are of each, and how many are split."""
+    groups: list[tuple[Complex, int, int]] = []
+    for number, point in enumerate((*split, *singular)):
+        # real ones turned real
+        x = point * np.conj(point[np.argmax(np.abs(point))])
+        x, one = x / np.linalg.norm(x), int(number < len(split))
+        for k, (other, count, apart) in enumerate(groups):
             if abs(np.vdot(other, x)) > 1 - _SAME:
-                groups[k] = (other, count + 1)
+                groups[k] = (other, count + 1, apart + one)
                 break
         else:
-            groups.append((x, 1))
+            groups.append((x, 1, one))
     return groups
 
 
-def _singular_mode(problem: Problem, x: Array, multiplicity: int, free: int) -> SingularMode:
-    position, quaternion, rotation = (array[0] for array in problem.frame.poses(x[None]))
-    legs = position + problem.platform @ rotation.T - problem.base
-    residual = float(np.abs(np.sqrt(np.sum(legs**2, axis=-1)) - problem.lengths).max())
-    return SingularMode(position, quaternion, residual, multiplicity, free)
+def _singular_mode(problem: Problem, x: Array, multiplicity: int, free: int, split: int = 0) -> SingularMode:
+    position, quaternion, _ = (array[0] for array in problem.frame.poses(x[None]))
+    off = residual(problem.frame, problem.base, problem.platform, problem.lengths, x)
+    return SingularMode(position, quaternion, off, multiplicity, free, split)
 
 
 def _read_only(array: Array) -> Array:
