@@ -148,7 +148,7 @@ class TestOptions:
     @pytest.mark.parametrize(
         ("arguments", "message"),
         [
-            (["dietmaier1998"], r"length_limits: missing; allowed: shortest and longest length \[m\]"),
+            (["dietmaier1998"], r"length_limits: missing; allowed: shortest and longest length of every leg"),
             (["wu2012", "--tolerance", "0"], r"--tolerance: 0\.0; allowed: "),
             (["wu2012", "--cells", "10"], r"--cells: 10; allowed: "),
             (["wu2012", "--position", "1,2"], r"--position: 1,2; allowed: 3 finite numbers"),
