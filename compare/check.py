@@ -14,12 +14,12 @@ from compare.runner import Watcher
 from compare.single import forces_calculation
 from sixsps.arrays import Array
 from sixsps.between_samples import extremes
-from sixsps.crossings import Crossings, singularity_crossings
 from sixsps.margins import Margin, Margins, length_rates, limit_margins
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
-from sixsps.nearest_singularity import SingularityDistance, singularity_distance
 from sixsps.pose_quality import Quality, quality
+from sixsps.singular_poses.crossings import Crossings, singularity_crossings
+from sixsps.singular_poses.nearest import SingularityDistance, singularity_distance
 
 # Samples at which the distance to a singular pose is sought, and of them those that send out rays.
 _DISTANCES, _SEARCHED = 101, 12

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from sixsps.bodies import Platform as Platform
     from sixsps.calibration import LengthDerivatives as LengthDerivatives
     from sixsps.calibration import length_derivatives as length_derivatives
-    from sixsps.crossings import Crossings as Crossings
-    from sixsps.crossings import singularity_crossings as singularity_crossings
     from sixsps.dynamics import State as State
     from sixsps.dynamics import bias as bias
     from sixsps.dynamics import forward_dynamics as forward_dynamics
@@ -53,8 +51,6 @@ if TYPE_CHECKING:
     from sixsps.mechanism import Mechanism as Mechanism
     from sixsps.mechanism_file import bundled_mechanisms as bundled_mechanisms
     from sixsps.motion import Motion as Motion
-    from sixsps.nearest_singularity import SingularityDistance as SingularityDistance
-    from sixsps.nearest_singularity import singularity_distance as singularity_distance
     from sixsps.payload import Payload as Payload
     from sixsps.payload import attached as attached
     from sixsps.payload import shifted_wrench as shifted_wrench
@@ -67,6 +63,10 @@ if TYPE_CHECKING:
     from sixsps.pose_quality import quality as quality
     from sixsps.regressor import inertial_parameters as inertial_parameters
     from sixsps.regressor import wrench_forces as wrench_forces
+    from sixsps.singular_poses.crossings import Crossings as Crossings
+    from sixsps.singular_poses.crossings import singularity_crossings as singularity_crossings
+    from sixsps.singular_poses.nearest import SingularityDistance as SingularityDistance
+    from sixsps.singular_poses.nearest import singularity_distance as singularity_distance
     from sixsps.workspace import constant_orientation_workspace as constant_orientation_workspace
     from sixsps.workspace import orientation_workspace as orientation_workspace
 
@@ -76,7 +76,7 @@ _PLACES = {
     "AssemblyModes": "assembly",
     "CompiledMechanism": "kernels.model",
     "ConvergenceError": "errors",
-    "Crossings": "crossings",
+    "Crossings": "singular_poses.crossings",
     "EngineError": "errors",
     "EngineUnavailable": "errors",
     "ForwardKinematics": "platform_pose",
@@ -96,7 +96,7 @@ _PLACES = {
     "PlatformRates": "platform_rates",
     "Pose": "pose",
     "Quality": "pose_quality",
-    "SingularityDistance": "nearest_singularity",
+    "SingularityDistance": "singular_poses.nearest",
     "SingularMode": "assembly",
     "SixspsError": "errors",
     "State": "dynamics",
@@ -125,8 +125,8 @@ _PLACES = {
     "potential_energy": "dynamics",
     "quality": "pose_quality",
     "shifted_wrench": "payload",
-    "singularity_crossings": "crossings",
-    "singularity_distance": "nearest_singularity",
+    "singularity_crossings": "singular_poses.crossings",
+    "singularity_distance": "singular_poses.nearest",
     "wrench_forces": "regressor",
 }
 _MODULES = ("margins", "rotation", "symbolic", "trajectories")

@@ -9,12 +9,12 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation
 
 import sixsps
-from sixsps.crossings import singularity_crossings
 from sixsps.home import home_position
 from sixsps.kinematics import inverse_kinematics
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
-from sixsps.nearest_singularity import singularity_distance
+from sixsps.singular_poses.crossings import singularity_crossings
+from sixsps.singular_poses.nearest import singularity_distance
 from sixsps.trajectories import bundled, quintic
 
 

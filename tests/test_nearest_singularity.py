@@ -14,8 +14,8 @@ from sixsps.home import home_position
 from sixsps.kinematics import inverse_kinematics
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
-from sixsps.nearest_singularity import singularity_distance
-from sixsps.singular_set import SingularSet, left_jacobians, rotation_vectors, turned
+from sixsps.singular_poses.nearest import singularity_distance
+from sixsps.singular_poses.surface import SingularSet, left_jacobians, rotation_vectors, turned
 from sixsps.trajectories import bundled
 
 NAMES = [*BUNDLED, *range(5)]
@@ -277,7 +277,7 @@ class TestParts:
 def test_blocks_change_nothing(monkeypatch):
     mechanism, motion = drawn(2, samples=7)
     whole = singularity_distance(mechanism, motion)
-    monkeypatch.setattr("sixsps.nearest_singularity._BLOCK", 3)
+    monkeypatch.setattr("sixsps.singular_poses.nearest._BLOCK", 3)
     parts = singularity_distance(mechanism, motion)
     for name in ("distance", "none_within", "position", "rotation"):
         np.testing.assert_allclose(getattr(parts, name), getattr(whole, name), rtol=1e-9, atol=1e-12)

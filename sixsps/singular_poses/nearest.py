@@ -13,8 +13,8 @@ from sixsps.arrays import Array
 from sixsps.mechanism import Mechanism
 from sixsps.pose_arrays import pose_arrays
 from sixsps.pose_quality import characteristic_length, singular_samples
-from sixsps.singular_minimum import Neighbourhood, descended
-from sixsps.singular_set import SingularSet, rotation_vectors, turned
+from sixsps.singular_poses.minimum import Neighbourhood, descended
+from sixsps.singular_poses.surface import SingularSet, rotation_vectors, turned
 
 # Poses at which rays are sent out, unless told otherwise; the others start from what these found.
 SEARCHED = 32

@@ -11,7 +11,7 @@ from sixsps.arrays import Array
 from sixsps.mechanism import Mechanism
 from sixsps.motion import Motion
 from sixsps.pose_quality import singular_samples
-from sixsps.singular_set import SingularSet, left_jacobians, rotation_vectors, turned
+from sixsps.singular_poses.surface import SingularSet, left_jacobians, rotation_vectors, turned
 
 # Pieces between two samples are halved so often until they are certain to be free, then searched for a
 # change of sign; and no further once there are so many of them, as on a motion along the singular set.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sixsps.arrays import Array
-from sixsps.singular_set import SingularSet, left_jacobians, turned
+from sixsps.singular_poses.surface import SingularSet, left_jacobians, turned
 
 _ITERATIONS, _HALVINGS = 60, 12
 # Steps of this size, relative, leave errors of its square in the distance.
