@@ -77,6 +77,16 @@ class Limits:
     def __bool__(self) -> bool:
         return any(getattr(self, field.name) is not None for field in fields(self))
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Limits) and self.to_mapping() == other.to_mapping()
+
+    def __hash__(self) -> int:
+        return hash(repr(self.to_mapping()))
+
+    def __reduce__(self) -> tuple[type[Limits], tuple[Any, ...]]:
+        """Pickles such that what comes back is frozen again."""
+        return Limits, tuple(getattr(self, field.name) for field in fields(self))
+
     def to_mapping(self) -> dict[str, Any]:
         """Returns the content of the mechanism file's key `limits`."""
         return {

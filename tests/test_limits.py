@@ -1,6 +1,7 @@
 """Limits of a mechanism: what may be given, and how it is kept."""
 
 import math
+import pickle
 from dataclasses import FrozenInstanceError, fields, replace
 
 import numpy as np
@@ -61,6 +62,20 @@ def test_limits_are_frozen_copies():
         limits.base_axes[0] = 0
     with pytest.raises(FrozenInstanceError):
         limits.rate = 1
+
+
+def test_come_back_from_a_pickle_equal_and_frozen():
+    for again in (
+        pickle.loads(pickle.dumps(FULL)),
+        pickle.loads(pickle.dumps(replace(WU, limits=FULL))).limits,
+    ):
+        assert again == FULL
+        assert hash(again) == hash(FULL)
+        with pytest.raises(ValueError, match="read-only"):
+            again.base_axes[0] = 0
+    assert Limits(rate=0.5) == Limits(rate=[0.5] * 6)
+    assert Limits(rate=0.5) != Limits(rate=0.6)
+    assert Limits() != "none"
 
 
 REFUSED = {
