@@ -230,3 +230,9 @@ def test_home_is_above_the_base_as_gravity_has_it():
 @pytest.mark.parametrize("scale", [1e-9, 1e-3, 1e6])
 def test_home_is_as_exact_in_any_unit(scale):
     np.testing.assert_allclose(hanging(None, scale=scale) / scale, hanging(None), rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("ask", [sixsps.compile, lambda name: sixsps.assembly_modes(name, [1.0] * 6)])
+def test_a_name_is_no_mechanism(ask):
+    with pytest.raises(sixsps.InputError, match=r"mechanism: wu2012; allowed: a Mechanism"):
+        ask("wu2012")

@@ -8,6 +8,7 @@ from itertools import islice, pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sixsps.arguments import mechanism_of
 from sixsps.arrays import Array, frozen
 from sixsps.assembly.certificate import NOT_REAL, REAL, UNPROVEN, all_distinct, certified
 from sixsps.assembly.continua import System
@@ -103,11 +104,13 @@ def assembly_modes(mechanism: Mechanism, lengths: ArrayLike) -> AssemblyModes:
 
     Raises:
         MotionError: lengths are not six finite numbers, or one is negative.
+        InputError: `mechanism` is no `Mechanism`.
     """
     given = frozen(lengths, (6,), "lengths", MotionError)
     for leg, length in enumerate(given):
         if length < 0:
             raise MotionError(f"lengths[{leg}]", float(length), "at least 0 m")
+    mechanism = mechanism_of(mechanism)
     return modes_of(mechanism.base_anchors, mechanism.platform_anchors, given)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sixsps.arguments import mechanism_of
 from sixsps.arrays import Array
 from sixsps.errors import InputError, MotionError
 from sixsps.kernels.compiled import MISFIT, REGULAR, Kernel, kernel
@@ -301,9 +302,9 @@ def compile(mechanism: Mechanism, threads: int | None = None) -> CompiledMechani
         threads: that a long motion is shared among; the number of processors by default.
 
     Raises:
-        InputError: `threads` is not a positive number.
+        InputError: `threads` is not a positive number, or `mechanism` is no `Mechanism`.
     """
-    return CompiledMechanism(mechanism, threads)
+    return CompiledMechanism(mechanism_of(mechanism), threads)
 
 
 def _arrays(given: tuple[ArrayLike, ...]) -> tuple[Array, ...]:
